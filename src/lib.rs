@@ -1,0 +1,28 @@
+//! luxel bakes diffuse global illumination on the CPU.
+//!
+//! It solves the radiosity equation `B = M + rho F B` on a simplified copy of the scene (equal voxels cut the
+//! surfaces into patches), with form factors `F` by Monte-Carlo ray casting, and carries the result back to the
+//! vertices of the original surfaces. Method: Shcherbakov & Frolov, "Automatic geometry simplification for
+//! secondary illumination by radiosity"; see ARCHITECTURE.md for what differs and why.
+//!
+//! The pipeline, in order: scene -> simplify -> transfer -> light -> solve -> reconstruct
+//! -> output.
+#![deny(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod error;
+pub mod options;
+pub mod progress;
+pub mod report;
+pub mod sampling;
+
+pub mod scene;
+pub mod simplify;
+pub mod trace;
+
+pub mod bake;
+
+pub use bake::bake;
+pub use error::{Error, Result};
+pub use options::BakeOptions;
+pub use scene::Scene;

@@ -1,0 +1,5 @@
+//! The command `luxel`.
+
+fn main() {
+    println!("luxel {}", env!("CARGO_PKG_VERSION"));
+}

@@ -1,0 +1,133 @@
+//! What a bake tells about itself: the content of `bake.json`.
+
+use serde::Serialize;
+
+use crate::options::BakeOptions;
+
+/// Everything measured in one bake. Lengths, areas and powers are in world units.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    /// Version of luxel.
+    pub version: String,
+    /// Tracer that ran, with its version.
+    pub backend: String,
+    /// Instruction set that the tracer chose, where it says.
+    pub instruction_set: String,
+    /// Threads used.
+    pub threads: usize,
+    /// The settings; `None` until the bake begins.
+    pub settings: Option<BakeOptions>,
+    /// Sizes.
+    pub counts: Counts,
+    /// Wall-clock seconds of every stage, in order.
+    pub stages: Vec<Stage>,
+    /// Ray statistics.
+    pub rays: Rays,
+    /// Largest resident memory of the process, bytes.
+    pub peak_memory_bytes: u64,
+    /// Balance of power.
+    pub energy: Energy,
+    /// Sums of the form-factor rows as estimated, before a closed scene's are normalised.
+    pub row_sums: RowSums,
+    /// The radiosity solution.
+    pub solver: Solver,
+    /// What was not computed, and why that is right.
+    pub skipped: Vec<Skipped>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// Sizes of the scene and of its simplification.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Counts {
+    /// Triangles of the scene.
+    pub triangles: usize,
+    /// Voxel size, world units.
+    pub voxel_size: f64,
+    /// Voxels that hold a surface.
+    pub voxels: usize,
+    /// Pieces of triangles, cut by the voxels.
+    pub fragments: usize,
+    /// Patches.
+    pub patches: usize,
+    /// Patches that light reaches.
+    pub patches_reached: usize,
+    /// Vertices of the split mesh.
+    pub vertices: usize,
+    /// Nonzero form factors.
+    pub form_factors: usize,
+    /// Bytes that hold them.
+    pub form_factor_bytes: usize,
+}
+
+/// The time of one stage.
+#[derive(Clone, Debug, Serialize)]
+pub struct Stage {
+    /// Name, as in the README's pipeline.
+    pub name: &'static str,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// Ray counts.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Rays {
+    /// Rays for form factors, probes of reach among them.
+    pub form_factors: u64,
+    /// Rays a second of the form-factor stage, millions.
+    pub form_factor_mrays_per_second: f64,
+    /// Shadow and visibility rays.
+    pub visibility: u64,
+}
+
+/// Balance of power per RGB channel, W.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Energy {
+    /// Power that the lights send onto surfaces, as received directly.
+    pub direct: [f64; 3],
+    /// Power that surfaces absorb.
+    pub absorbed: [f64; 3],
+    /// Reflected power that leaves the scene.
+    pub escaped: [f64; 3],
+    /// direct - absorbed - escaped, as a share of direct.
+    pub imbalance: [f64; 3],
+}
+
+/// Statistics of row sums.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct RowSums {
+    /// Smallest.
+    pub min: f64,
+    /// Mean.
+    pub mean: f64,
+    /// Largest.
+    pub max: f64,
+    /// Whether the scene is closed, so that rows were normalised to 1.
+    pub closed: bool,
+    /// Share of rays that met the back of a one-sided surface: their origins are hidden, they were dropped.
+    pub hidden: f64,
+}
+
+/// How the system was solved.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Solver {
+    /// Method.
+    pub method: &'static str,
+    /// Iterations.
+    pub iterations: usize,
+    /// max |M + rho F B - B| / max |M|.
+    pub residual: f64,
+}
+
+/// One thing that was skipped.
+#[derive(Clone, Debug, Serialize)]
+pub struct Skipped {
+    /// What and why.
+    pub what: String,
+    /// Patches that were saved.
+    pub patches: usize,
+    /// Rays that were saved.
+    pub rays: u64,
+    /// Bound or measurement of the error it costs.
+    pub error: String,
+}

@@ -1,0 +1,180 @@
+//! Ray queries: one batch-first trait, several backends with the same answers.
+
+use glam::Vec3;
+
+use crate::{Error, Result, options::Backend};
+
+mod brute;
+pub use brute::Brute;
+
+/// Triangles to trace, in any unit. Triangle ids are positions in `triangles`.
+#[derive(Clone, Debug, Default)]
+pub struct Geometry {
+    /// Vertex positions; all finite.
+    pub positions: Vec<Vec3>,
+    /// Vertex indices; all in range. At most 2^31 - 1 triangles.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Rays as a structure of arrays, so that packets load without shuffling.
+///
+/// A ray meets a triangle at distance t where `t_min < t < t_max` (t in units of |direction|).
+#[derive(Clone, Debug, Default)]
+pub struct RayBatch {
+    /// Origins, x.
+    pub origin_x: Vec<f32>,
+    /// Origins, y.
+    pub origin_y: Vec<f32>,
+    /// Origins, z.
+    pub origin_z: Vec<f32>,
+    /// Directions, x; need not be unit vectors.
+    pub direction_x: Vec<f32>,
+    /// Directions, y.
+    pub direction_y: Vec<f32>,
+    /// Directions, z.
+    pub direction_z: Vec<f32>,
+    /// Nearest distance that counts.
+    pub t_min: Vec<f32>,
+    /// Farthest distance that counts.
+    pub t_max: Vec<f32>,
+    /// Whether neighbouring rays have like origins and directions: packets may then be traced as one.
+    pub coherent: bool,
+}
+
+impl RayBatch {
+    /// An empty batch with room for `capacity` rays.
+    pub fn with_capacity(capacity: usize) -> RayBatch {
+        let v = || Vec::with_capacity(capacity);
+        RayBatch {
+            origin_x: v(),
+            origin_y: v(),
+            origin_z: v(),
+            direction_x: v(),
+            direction_y: v(),
+            direction_z: v(),
+            t_min: v(),
+            t_max: v(),
+            coherent: false,
+        }
+    }
+
+    /// Number of rays.
+    pub fn len(&self) -> usize {
+        self.origin_x.len()
+    }
+
+    /// Whether there are no rays.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Removes all rays, keeps the memory.
+    pub fn clear(&mut self) {
+        self.resize(0);
+    }
+
+    /// Sets the number of rays; new ones are zero.
+    pub fn resize(&mut self, n: usize) {
+        for v in self.arrays_mut() {
+            v.resize(n, 0.0);
+        }
+    }
+
+    /// Appends one ray.
+    pub fn push(&mut self, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) {
+        self.origin_x.push(origin.x);
+        self.origin_y.push(origin.y);
+        self.origin_z.push(origin.z);
+        self.direction_x.push(direction.x);
+        self.direction_y.push(direction.y);
+        self.direction_z.push(direction.z);
+        self.t_min.push(t_min);
+        self.t_max.push(t_max);
+    }
+
+    /// Origin of ray `i`.
+    pub fn origin(&self, i: usize) -> Vec3 {
+        Vec3::new(self.origin_x[i], self.origin_y[i], self.origin_z[i])
+    }
+
+    /// Direction of ray `i`.
+    pub fn direction(&self, i: usize) -> Vec3 {
+        Vec3::new(self.direction_x[i], self.direction_y[i], self.direction_z[i])
+    }
+
+    fn arrays_mut(&mut self) -> [&mut Vec<f32>; 8] {
+        [
+            &mut self.origin_x,
+            &mut self.origin_y,
+            &mut self.origin_z,
+            &mut self.direction_x,
+            &mut self.direction_y,
+            &mut self.direction_z,
+            &mut self.t_min,
+            &mut self.t_max,
+        ]
+    }
+}
+
+/// What a ray met first.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Hit {
+    /// Distance in units of |direction|.
+    pub t: f32,
+    /// Barycentric weight of the triangle's second vertex.
+    pub u: f32,
+    /// Barycentric weight of the triangle's third vertex.
+    pub v: f32,
+    /// `triangle * 2 + side`, side 1 when the back was hit (the normal is (v1-v0) x (v2-v0)); [`MISS`] if nothing was.
+    pub face: u32,
+}
+
+/// [`Hit::face`] of a ray that met nothing.
+pub const MISS: u32 = u32::MAX;
+
+impl Hit {
+    /// No hit.
+    pub const NONE: Hit = Hit { t: f32::INFINITY, u: 0.0, v: 0.0, face: MISS };
+
+    /// Whether the ray met something.
+    pub fn is_hit(&self) -> bool {
+        self.face != MISS
+    }
+
+    /// The triangle; only meaningful after [`Hit::is_hit`].
+    pub fn triangle(&self) -> usize {
+        (self.face >> 1) as usize
+    }
+
+    /// Whether the back of the triangle was met.
+    pub fn is_back(&self) -> bool {
+        self.face & 1 == 1
+    }
+}
+
+/// A committed scene that answers ray queries, from any number of threads.
+///
+/// Every backend honours `t_min` and `t_max`, never reports NaN, and gives the same answer for a ray whatever else
+/// is in its batch.
+pub trait RayTracer: Send + Sync {
+    /// Name and version, e.g. `embree 3.13.5`.
+    fn name(&self) -> String;
+
+    /// The nearest hit of every ray. `hits` has the length of `rays`.
+    fn closest_hits(&self, rays: &RayBatch, hits: &mut [Hit]);
+
+    /// Whether anything lies on the ray. `occluded` has the length of `rays`.
+    fn occluded(&self, rays: &RayBatch, occluded: &mut [bool]);
+}
+
+/// Builds the tracer that `backend` asks for.
+///
+/// # Errors
+/// [`Error::Backend`] if the backend is not compiled in or could not be built.
+pub fn build(backend: Backend, geometry: &Geometry) -> Result<Box<dyn RayTracer>> {
+    match backend {
+        Backend::Auto | Backend::Brute => Ok(Box::new(Brute::new(geometry))),
+        other => Err(Error::Backend(format!("backend {other:?} is not compiled in"))),
+    }
+}
