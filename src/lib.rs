@@ -17,8 +17,12 @@ pub mod report;
 pub mod sampling;
 
 pub mod scene;
+pub mod light;
+pub mod reconstruct;
 pub mod simplify;
+pub mod solve;
 pub mod trace;
+pub mod transfer;
 
 pub mod bake;
 

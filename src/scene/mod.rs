@@ -50,6 +50,8 @@ pub struct Triangle {
     /// Whether its back receives and reflects light too. Backs of one-sided triangles lie inside or behind objects:
     /// what a ray sees there says that its origin is hidden.
     pub two_sided: bool,
+    /// Whether its back emits too, if its material emits.
+    pub emits_back: bool,
 }
 
 /// What the corners of triangles carry besides positions; each array is empty or has one entry a triangle.
