@@ -16,6 +16,7 @@ pub mod progress;
 pub mod report;
 pub mod sampling;
 
+pub mod light;
 pub mod scene;
 pub mod light;
 pub mod reconstruct;
