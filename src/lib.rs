@@ -18,12 +18,12 @@ pub mod sampling;
 
 pub mod trace;
 
+pub mod light;
+pub mod reconstruct;
 pub mod scene;
 pub mod simplify;
-pub mod transfer;
-pub mod light;
 pub mod solve;
-pub mod reconstruct;
+pub mod transfer;
 
 pub mod bake;
 
