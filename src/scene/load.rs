@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 
-use super::{Builder, Scene, SidesRule, WorldLight, obj};
+use super::{Builder, Scene, SidesRule, WorldLight, gltf, obj};
 use crate::{Error, Result};
 
 /// What is added to, or changed in, a scene after its file is read.
@@ -31,7 +31,10 @@ pub struct SceneOverrides {
 pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<Scene> {
     let name = path.file_stem().unwrap_or_default().to_string_lossy();
     let mut builder = Builder::new(name);
-    obj::read(path, &mut builder)?;
+    match path.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
+        Some("gltf" | "glb") => gltf::read(path, &mut builder)?,
+        _ => obj::read(path, &mut builder)?,
+    }
     overrides.apply(&mut builder)?;
     builder.build(overrides.sides.unwrap_or_default())
 }

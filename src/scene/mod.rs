@@ -3,6 +3,10 @@
 use glam::{DVec3, Vec2, Vec3};
 
 mod builder;
+mod coincident;
+mod gltf;
+mod gltf_data;
+mod gltf_material;
 mod image;
 pub mod light;
 mod load;
