@@ -293,4 +293,4 @@ impl Caster<'_> {
 }
 
 /// Purpose word of the rows' random bits.
-const ROW: u64 = 0x726f_77;
+const ROW: u64 = 0x0072_6f77;
