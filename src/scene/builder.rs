@@ -76,6 +76,20 @@ pub struct RawMaterial {
     pub opacity: Opacity,
 }
 
+impl RawMaterial {
+    /// Replaces colour and texture of the albedo.
+    pub fn set_albedo(&mut self, albedo: Vec3) {
+        self.surface.albedo = albedo;
+        self.surface.albedo_texture = None;
+    }
+
+    /// Replaces colour and texture of the emission, W/m2/sr.
+    pub fn set_emission(&mut self, radiance: Vec3) {
+        self.surface.emission = radiance;
+        self.surface.emission_texture = None;
+    }
+}
+
 /// What did not enter the scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Dropped {
@@ -130,7 +144,7 @@ pub struct Builder {
 pub struct Mark {
     meshes: usize,
     lights: usize,
-    materials: usize,
+    has_camera: bool,
 }
 
 impl Builder {
@@ -194,7 +208,7 @@ impl Builder {
 
     /// How much there is now.
     pub fn mark(&self) -> Mark {
-        Mark { meshes: self.meshes.len(), lights: self.lights.len(), materials: self.materials.len() }
+        Mark { meshes: self.meshes.len(), lights: self.lights.len(), has_camera: self.camera.is_some() }
     }
 
     /// Moves everything added since `mark`; a mirroring transform turns the triangles around, so that fronts stay fronts.
@@ -205,6 +219,11 @@ impl Builder {
         for light in &mut self.lights[mark.lights..] {
             light.transform(transform);
         }
+        if let (Some(camera), false) = (&mut self.camera, mark.has_camera) {
+            camera.position = transform.transform_point3(camera.position);
+            camera.target = transform.transform_point3(camera.target);
+            camera.up = transform.transform_vector3(camera.up);
+        }
     }
 
     /// Gives all meshes added since `mark` the material `material`.
@@ -212,11 +231,6 @@ impl Builder {
         for mesh in &mut self.meshes[mark.meshes..] {
             mesh.material = material;
         }
-    }
-
-    /// The materials added since `mark`.
-    pub fn materials_since_mut(&mut self, mark: Mark) -> &mut [RawMaterial] {
-        &mut self.materials[mark.materials..]
     }
 
     /// Cleans everything and decides on the sides of all surfaces.
@@ -295,7 +309,11 @@ impl Builder {
 
     fn clean_materials(&mut self) {
         let (mut bright, mut negative, mut emission) = (Vec::new(), Vec::new(), Vec::new());
-        for RawMaterial { surface, opacity } in &mut self.materials {
+        let mut used = vec![false; self.materials.len()];
+        for mesh in self.meshes.iter().filter(|m| !m.triangles.is_empty()) {
+            used[mesh.material as usize] = true;
+        }
+        for (RawMaterial { surface, opacity }, _) in self.materials.iter_mut().zip(used).filter(|(_, used)| *used) {
             let name = || format!("\"{}\"", surface.name);
             if !surface.albedo.is_finite() || surface.albedo.min_element() < 0.0 {
                 negative.push(format!("{} ({})", name(), rgb(surface.albedo)));

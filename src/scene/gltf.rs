@@ -40,9 +40,16 @@ pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<()> {
     let (document, blob) = parse(file, &bytes).map_err(wrong)?;
     let buffers = Buffers::load(&document, blob.as_deref(), path::folder(file)).map_err(wrong)?;
     let materials = gltf_material::read(&document, &buffers, path::folder(file), builder);
-    let mut reader = Reader { document: &document, buffers, materials, builder, triangles: 0, not_triangles: 0 };
+    let mut reader = Reader { document: &document, buffers, materials, builder, triangles: 0, not_triangles: 0, plain: 0 };
     reader.nodes().map_err(wrong)?;
-    let not_triangles = reader.not_triangles;
+    let Reader { not_triangles, plain, .. } = reader;
+    if plain > 0 {
+        builder.warn(format!(
+            "{}: {plain} primitives without a material are grey, albedo {}",
+            file.display(),
+            super::mtl::DEFAULT_ALBEDO.x
+        ));
+    }
     if not_triangles > 0 {
         builder.warn(format!("{}: {not_triangles} primitives of points or lines were left out", file.display()));
     }
@@ -96,11 +103,12 @@ fn parse(file: &Path, bytes: &[u8]) -> std::result::Result<(Document, Option<Vec
 struct Reader<'a> {
     document: &'a Document,
     buffers: Buffers<'a>,
-    /// The last one is glTF's default material.
+    /// The last one is for primitives without a material.
     materials: Vec<Entry>,
     builder: &'a mut Builder,
     triangles: usize,
     not_triangles: usize,
+    plain: usize,
 }
 
 impl Reader<'_> {
@@ -156,6 +164,7 @@ impl Reader<'_> {
         }
         let positions = primitive.get(&Semantic::Positions).ok_or("it has no POSITION")?;
         let (material, uv) = self.materials[primitive.material().index().unwrap_or(self.materials.len() - 1)];
+        self.plain += usize::from(primitive.material().index().is_none());
         let uvs = uv.and_then(|u| primitive.get(&Semantic::TexCoords(u.set)));
         let indices = primitive.indices().map(|a| self.buffers.indices(&a)).transpose()?;
         let vertices = positions.count();

@@ -59,8 +59,7 @@ impl<'a> Buffers<'a> {
         let json = &document.as_json().images[index];
         if let Some(uri) = &json.uri {
             let name = if uri.starts_with("data:") { "data URI" } else { uri.as_str() };
-            let bytes = resource(uri, folder).map_err(|e| format!("\"{name}\" ({e})"))?;
-            return image::decode(&bytes).map_err(|e| format!("\"{name}\" ({e})"));
+            return resource(uri, folder).and_then(|b| image::decode(&b).map_err(|e| format!("\"{name}\": {e}")));
         }
         let view = json.buffer_view.and_then(|v| document.views().nth(v.value()));
         let view = view.ok_or_else(|| format!("image {index} (neither uri nor bufferView)"))?;

@@ -16,6 +16,7 @@ use super::{
     Material,
     builder::{Builder, Opacity, RawMaterial, list},
     gltf_data::Buffers,
+    mtl::DEFAULT_ALBEDO,
 };
 
 /// Which texture coordinates a material reads, and how they are moved first (KHR_texture_transform).
@@ -47,7 +48,8 @@ impl UvSource {
 /// Index of a material and where its texture coordinates come from.
 pub(crate) type Entry = (u32, Option<UvSource>);
 
-/// Adds all materials of `document`, and glTF's default material behind them.
+/// Adds all materials of `document`, and behind them one for surfaces without a material. glTF calls it white; here it is
+/// grey as for OBJ, because a white room is one that no light leaves.
 pub(crate) fn read(document: &Document, buffers: &Buffers, folder: &Path, builder: &mut Builder) -> Vec<Entry> {
     let mut textures = Textures { document, buffers, folder, known: HashMap::new(), missing: Vec::new() };
     let (mut unlit, mut other_uv) = (Vec::new(), Vec::new());
@@ -89,7 +91,7 @@ pub(crate) fn read(document: &Document, buffers: &Buffers, folder: &Path, builde
         });
         entries.push((index, uv.or(glow_uv)));
     }
-    let surface = Material { name: "default".into(), albedo: Vec3::ONE, ..Material::default() };
+    let surface = Material { name: "default".into(), albedo: DEFAULT_ALBEDO, ..Material::default() };
     entries.push((builder.add_material(RawMaterial { surface, ..RawMaterial::default() }), None));
     if !unlit.is_empty() {
         builder.warn(format!(
