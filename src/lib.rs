@@ -21,6 +21,7 @@ pub mod simplify;
 pub mod trace;
 
 pub mod bake;
+pub mod output;
 
 pub use bake::bake;
 pub use error::{Error, Result};
