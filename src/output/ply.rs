@@ -191,12 +191,15 @@ mod tests {
         (mesh, Irradiance { direct: ramp(10.0), indirect: ramp(20.0) })
     }
 
-    /// A reader of PLY's header: (element, count, [(type, name)]) in order, and where the data starts.
-    fn header(file: &[u8]) -> (Vec<(String, usize, Vec<(String, String)>)>, usize) {
+    /// Name, count, (type, name) of every property.
+    type Element = (String, usize, Vec<(String, String)>);
+
+    /// A reader of PLY's header: the elements in order, and where the data starts.
+    fn header(file: &[u8]) -> (Vec<Element>, usize) {
         let end = file.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
         let text = std::str::from_utf8(&file[..end]).unwrap();
         assert!(text.starts_with("ply\nformat binary_little_endian 1.0\n"));
-        let mut elements: Vec<(String, usize, Vec<(String, String)>)> = Vec::new();
+        let mut elements: Vec<Element> = Vec::new();
         for line in text.lines() {
             match line.split(' ').collect::<Vec<_>>()[..] {
                 ["element", name, count] => elements.push((name.into(), count.parse().unwrap(), Vec::new())),
