@@ -81,3 +81,17 @@ pub struct Environment {
     /// World axis (unit) that the image's zenith points to.
     pub up: Vec3,
 }
+
+impl Light {
+    /// Whether it sends out anything at all.
+    pub fn gives_light(&self) -> bool {
+        match self {
+            Light::Rectangle { radiance, .. } | Light::Disc { radiance, .. } | Light::Sky { radiance } => {
+                *radiance != Vec3::ZERO
+            }
+            Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity != Vec3::ZERO,
+            Light::Sun { irradiance, .. } => *irradiance != Vec3::ZERO,
+            Light::Environment(e) => e.texels.iter().any(|t| *t != Vec3::ZERO),
+        }
+    }
+}

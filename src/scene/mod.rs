@@ -2,11 +2,27 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
+mod builder;
+mod image;
 pub mod light;
+mod load;
 pub mod material;
+mod mtl;
+mod obj;
+mod obj_scan;
+mod path;
+mod polygon;
+pub mod sides;
+mod weld;
+mod world_light;
 
+pub use builder::{Builder, Dropped, Mark, Opacity, RawMaterial, RawMesh};
+pub use image::OpacityMap;
 pub use light::Light;
+pub use load::{SceneOverrides, load};
 pub use material::{Material, Texture};
+pub use sides::{SideDecision, SidesRule};
+pub use world_light::WorldLight;
 
 use crate::trace::Geometry;
 
@@ -50,6 +66,8 @@ pub struct Triangle {
     /// Whether its back receives and reflects light too. Backs of one-sided triangles lie inside or behind objects:
     /// what a ray sees there says that its origin is hidden.
     pub two_sided: bool,
+    /// Whether its back emits too, if its material emits.
+    pub emits_back: bool,
 }
 
 /// What the corners of triangles carry besides positions; each array is empty or has one entry a triangle.
@@ -101,6 +119,15 @@ pub struct Scene {
     pub camera: Option<Camera>,
     /// What the reader should know: dropped faces, clamped colours, decisions on sides.
     pub warnings: Vec<String>,
+    /// What was decided on the sides of every connected component.
+    pub sides: Vec<SideDecision>,
+    /// What did not enter the scene.
+    pub dropped: Dropped,
+}
+
+/// 64 stratified points of a triangle, as barycentric weights of its second and third corner.
+pub(crate) fn triangle_samples() -> [(f32, f32); 64] {
+    std::array::from_fn(|i| crate::sampling::triangle((i % 8) as f32 / 8.0 + 0.0625, (i / 8) as f32 / 8.0 + 0.0625))
 }
 
 impl Scene {
@@ -145,23 +172,33 @@ impl Scene {
         albedo.clamp(Vec3::ZERO, Vec3::splat(material::ALBEDO_MAX))
     }
 
-    /// Radiance that triangle `t` emits from its front (from both sides if two-sided), W/m2/sr: the mean over it.
+    /// Radiance that triangle `t` emits from its front (from both sides if it `emits_back`), W/m2/sr: the mean over it.
     pub fn emission(&self, t: usize) -> Vec3 {
         let m = self.material(t);
         match m.emission_texture {
             Some(texture) if m.emission != Vec3::ZERO => {
                 // 64 stratified points: a lamp's texture is rarely finer.
-                let mean: Vec3 = (0..64)
-                    .map(|i| {
-                        let (u, v) =
-                            crate::sampling::triangle((i % 8) as f32 / 8.0 + 0.0625, (i / 8) as f32 / 8.0 + 0.0625);
-                        self.textures[texture as usize].sample(self.uv(t, u, v))
-                    })
-                    .sum();
+                let texture = &self.textures[texture as usize];
+                let mean: Vec3 = triangle_samples().iter().map(|&(u, v)| texture.sample(self.uv(t, u, v))).sum();
                 m.emission * mean / 64.0
             }
             _ => m.emission,
         }
+    }
+
+    /// Whether anything sends out light.
+    pub fn has_light(&self) -> bool {
+        self.lights.iter().any(Light::gives_light) || (0..self.triangles.len()).any(|t| self.emission(t) != Vec3::ZERO)
+    }
+
+    /// What to say about a scene that has no light: the ways to add some.
+    pub fn no_light_message(&self) -> String {
+        format!(
+            "scene \"{}\" has no light; add some: --sky R,G,B (radiance of the sky), --sun X,Y,Z:R,G,B (direction of \
+             travel : irradiance), --point X,Y,Z:R,G,B (position : radiant intensity), --emit MATERIAL=R,G,B (radiance \
+             of a material), or lights in a scene file",
+            self.name
+        )
     }
 
     fn material(&self, t: usize) -> &Material {

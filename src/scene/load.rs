@@ -1,0 +1,76 @@
+//! Opens a scene by its file's kind and applies what the command line adds.
+
+use std::path::Path;
+
+use glam::{DVec3, Vec3};
+
+use super::{Builder, Scene, SidesRule, WorldLight, obj};
+use crate::{Error, Result};
+
+/// What is added to, or changed in, a scene after its file is read.
+#[derive(Clone, Debug, Default)]
+pub struct SceneOverrides {
+    /// Radiance of a constant sky, W/m2/sr.
+    pub sky: Option<Vec3>,
+    /// Directions of travel and irradiances at normal incidence, W/m2.
+    pub suns: Vec<(DVec3, Vec3)>,
+    /// World positions and radiant intensities, W/sr.
+    pub points: Vec<(DVec3, Vec3)>,
+    /// Names of materials and the radiance they emit, W/m2/sr.
+    pub emit: Vec<(String, Vec3)>,
+    /// Names of materials and their albedo.
+    pub albedo: Vec<(String, Vec3)>,
+    /// Which sides of surfaces count; `None`: as the scene file says, else [`SidesRule::Auto`].
+    pub sides: Option<SidesRule>,
+}
+
+/// Loads an OBJ file.
+///
+/// # Errors
+/// The file cannot be read or is wrong, no geometry is left, or an override names a material that is not there.
+pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<Scene> {
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    let mut builder = Builder::new(name);
+    obj::read(path, &mut builder)?;
+    overrides.apply(&mut builder)?;
+    builder.build(overrides.sides.unwrap_or_default())
+}
+
+impl SceneOverrides {
+    fn apply(&self, builder: &mut Builder) -> Result<()> {
+        let mut lights: Vec<WorldLight> = self.sky.iter().map(|&radiance| WorldLight::Sky { radiance }).collect();
+        lights.extend(self.suns.iter().map(|&(direction, irradiance)| WorldLight::Sun { direction, irradiance }));
+        lights.extend(self.points.iter().map(|&(position, intensity)| WorldLight::Point {
+            position,
+            intensity,
+            range: f64::INFINITY,
+        }));
+        for light in lights {
+            if let Some(problem) = light.problem() {
+                return Err(Error::Option(format!("light: {problem}")));
+            }
+            builder.add_light(light);
+        }
+        for (name, albedo) in &self.albedo {
+            change(builder, name, |m| m.surface.albedo = *albedo)?;
+        }
+        for (name, radiance) in &self.emit {
+            change(builder, name, |m| m.surface.emission = *radiance)?;
+        }
+        Ok(())
+    }
+}
+
+/// Changes all materials called `name`.
+fn change(builder: &mut Builder, name: &str, f: impl Fn(&mut super::RawMaterial)) -> Result<()> {
+    let mut found = false;
+    for material in builder.materials_mut().iter_mut().filter(|m| m.surface.name == name) {
+        f(material);
+        found = true;
+    }
+    if found {
+        return Ok(());
+    }
+    let names: Vec<String> = builder.materials_mut().iter().map(|m| format!("\"{}\"", m.surface.name)).collect();
+    Err(Error::Option(format!("there is no material \"{name}\"; there are {}", super::builder::list(&names, 30))))
+}
