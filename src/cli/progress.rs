@@ -65,7 +65,8 @@ impl Terminal {
 
     fn tell(&self, stage: &Stage, done: u64, ended: bool) {
         let seconds = stage.begun.elapsed().as_secs_f64();
-        let share = if ended { Some(1.0) } else { (stage.total > 0).then(|| (done as f64 / stage.total as f64).min(1.0)) };
+        let share =
+            if ended { Some(1.0) } else { (stage.total > 0).then(|| (done as f64 / stage.total as f64).min(1.0)) };
         let eta = share.filter(|s| *s > 0.0).map(|s| seconds * (1.0 - s) / s);
         match self.style {
             Style::Json => {

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Sight, tonemap::luminance};
+use super::{Sight, is_back, tonemap::luminance};
 use crate::{
     Scene,
     bake::Irradiance,
@@ -71,18 +71,17 @@ impl View {
 /// The median of the lit faces' mean luminances becomes 1/2, so that the dim ones count too.
 pub fn brightness(scene: &Scene, mesh: &SplitMesh, light: &Irradiance) -> Vec<f32> {
     let mut sums = vec![(0.0f32, 0.0f32); 2 * scene.triangles.len()];
-    for (triangle, &source) in mesh.triangles.iter().zip(&mesh.source) {
+    for (i, triangle) in mesh.triangles.iter().enumerate() {
         let [a, b, c] = triangle.map(|v| mesh.positions[v as usize]);
-        let normal = (b - a).cross(c - a);
-        let back = normal.dot(scene.normal(source as usize)) < 0.0;
+        let area = 0.5 * (b - a).cross(c - a).length();
         let reflected: Vec3 = triangle
             .iter()
             .map(|&v| mesh.albedo[v as usize] * (light.direct[v as usize] + light.indirect[v as usize]))
             .sum::<Vec3>()
             / (3.0 * std::f32::consts::PI);
-        let sum = &mut sums[2 * source as usize + back as usize];
-        sum.0 += normal.length() * luminance(reflected);
-        sum.1 += normal.length();
+        let sum = &mut sums[2 * mesh.source[i] as usize + is_back(scene, mesh, i) as usize];
+        sum.0 += area * luminance(reflected);
+        sum.1 += area;
     }
     let means: Vec<f32> = sums.iter().map(|(light, area)| if *area > 0.0 { light / area } else { 0.0 }).collect();
     let mut lit: Vec<f32> = means.iter().copied().filter(|l| *l > 0.0).collect();

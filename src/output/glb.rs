@@ -5,7 +5,10 @@ use std::{collections::HashMap, io, io::Write};
 use glam::Vec3;
 use serde_json::json;
 
-use super::tonemap::{CURVE, ToneMap};
+use super::{
+    emission, is_back,
+    tonemap::{CURVE, ToneMap},
+};
 use crate::{Scene, bake::Irradiance, simplify::SplitMesh};
 
 /// Bytes of a vertex: position and normal (12 each), colour (4 x u16).
@@ -33,9 +36,9 @@ impl LitMesh {
             triangles: Vec::with_capacity(mesh.triangles.len()),
         };
         let mut index = HashMap::with_capacity(mesh.positions.len());
-        for (triangle, &source) in mesh.triangles.iter().zip(&mesh.source) {
-            let source = source as usize;
-            let (albedo, emission) = (scene.constant_albedo(source), scene.emission(source));
+        for (i, triangle) in mesh.triangles.iter().enumerate() {
+            let source = mesh.source[i] as usize;
+            let (albedo, emission) = (scene.constant_albedo(source), emission(scene, source, is_back(scene, mesh, i)));
             let emissive = emission != Vec3::ZERO;
             // Lamps have the mean emission of their triangle, which a texture makes each triangle's own.
             let look = (scene.triangles[source].material, emissive.then_some(source));
@@ -155,7 +158,13 @@ mod tests {
         let positions = vec![Vec3::ZERO, Vec3::X, Vec3::ONE.with_z(0.0), Vec3::Y].into_iter().map(|p| p * 0.4);
         let positions: Vec<Vec3> = positions.collect();
         let triangles: Vec<[u32; 3]> = vec![[0, 1, 2], [0, 2, 3]];
-        let triangle = |i: usize| Triangle { vertices: triangles[i], material: i as u32, mesh: 0, two_sided: false };
+        let triangle = |i: usize| Triangle {
+            vertices: triangles[i],
+            material: i as u32,
+            mesh: 0,
+            two_sided: false,
+            emits_back: false,
+        };
         let scene = Scene {
             name: "pair".into(),
             frame: Frame { origin: DVec3::new(1e9, 0.25, -3.0), scale: 2.0 },
@@ -168,6 +177,8 @@ mod tests {
             lights: vec![],
             camera: None,
             warnings: vec![],
+            sides: vec![],
+            dropped: Default::default(),
         };
         let mesh = SplitMesh {
             positions,

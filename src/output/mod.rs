@@ -11,3 +11,4 @@ mod sight;
 pub mod tonemap;
 
 pub use sight::{Sight, hidden_backs};
+use sight::{emission, is_back};

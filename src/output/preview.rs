@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Sight, camera::View, hidden_backs, tonemap::ToneMap};
+use super::{Sight, camera::View, emission, hidden_backs, tonemap::ToneMap};
 use crate::{
     Scene,
     bake::{Bake, SurfacePoint},
@@ -89,7 +89,8 @@ pub fn render(
     progress: &dyn Progress,
 ) -> Preview {
     let view = View::new(camera, &scene.frame, width as f32 / height as f32);
-    let picture = Picture { scene, bake, view, width, height, emission: emission(scene), lamps: lamps(bake) };
+    let emission = (0..2 * scene.triangles.len()).map(|face| emission(scene, face / 2, face % 2 == 1)).collect();
+    let picture = Picture { scene, bake, view, width, height, emission, lamps: lamps(bake) };
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     progress.begin("preview", width as u64 * height as u64);
     let tiles: Vec<Vec<Pixel>> = (0..columns * rows)
@@ -120,11 +121,6 @@ pub fn render(
     preview
 }
 
-/// Radiance that each triangle emits.
-fn emission(scene: &Scene) -> Vec<Vec3> {
-    (0..scene.triangles.len()).map(|t| scene.emission(t)).collect()
-}
-
 /// Whether the patches' radiosity lacks their own emission.
 fn lamps(bake: &Bake) -> bool {
     bake.report.settings.as_ref().is_none_or(|s| s.primary == Primary::Direct)
@@ -136,6 +132,7 @@ struct Picture<'a> {
     view: View,
     width: u32,
     height: u32,
+    /// By [`Hit::face`].
     emission: Vec<Vec3>,
     lamps: bool,
 }
@@ -198,7 +195,7 @@ impl Picture<'_> {
                 pixel.shines |= sky != Vec3::ZERO;
                 continue;
             }
-            let emission = self.emission[hit.triangle()];
+            let emission = self.emission[hit.face as usize];
             let (point, albedo) = (self.surface_point(hit), self.scene.albedo(hit.triangle(), hit.u, hit.v));
             pixel.direct += emission;
             pixel.shines |= emission != Vec3::ZERO;

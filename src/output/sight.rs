@@ -1,7 +1,10 @@
 //! What an eye sees: the nearest surface that is not the hidden back of a one-sided one.
 
+use glam::Vec3;
+
 use crate::{
     Scene,
+    simplify::SplitMesh,
     trace::{Hit, RayBatch, RayTracer},
 };
 
@@ -61,4 +64,15 @@ impl<'a> Sight<'a> {
 /// The rule of the scene's own surfaces: backs of one-sided triangles are hidden.
 pub fn hidden_backs(scene: &Scene) -> impl Fn(&Hit) -> bool + Sync {
     |hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided
+}
+
+/// Radiance that one side of triangle `t` sends out.
+pub(super) fn emission(scene: &Scene, t: usize, back: bool) -> Vec3 {
+    if back && !scene.triangles[t].emits_back { Vec3::ZERO } else { scene.emission(t) }
+}
+
+/// Whether triangle `i` of the split mesh is a piece of the back of its scene triangle.
+pub(super) fn is_back(scene: &Scene, mesh: &SplitMesh, i: usize) -> bool {
+    let [a, b, c] = mesh.triangles[i].map(|v| mesh.positions[v as usize]);
+    (b - a).cross(c - a).dot(scene.normal(mesh.source[i] as usize)) < 0.0
 }

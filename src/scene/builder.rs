@@ -279,7 +279,11 @@ impl Builder {
         add(dropped.not_finite, "not finite");
         add(dropped.zero_area, "without area");
         add(transparent, "transparent");
-        Error::Scene(format!("scene \"{}\" has no geometry: no opaque triangle with an area ({})", self.name, why.join(", ")))
+        Error::Scene(format!(
+            "scene \"{}\" has no geometry: no opaque triangle with an area ({})",
+            self.name,
+            why.join(", ")
+        ))
     }
 
     fn clean_materials(&mut self) {
@@ -489,9 +493,7 @@ impl Builder {
         let mut opposite = 0;
         for group in order.chunk_by(|&a, &b| keys[a as usize] == keys[b as usize]).filter(|g| g.len() > 1) {
             let even = |t: u32| weld::is_even(triangles[t as usize].vertices.map(|v| welded[v as usize]));
-            let emits = |t: u32| {
-                self.materials[triangles[t as usize].material as usize].surface.emission != Vec3::ZERO
-            };
+            let emits = |t: u32| self.materials[triangles[t as usize].material as usize].surface.emission != Vec3::ZERO;
             let first = group[0];
             let keep = *group.iter().find(|&&t| emits(t) && even(t) == even(first)).unwrap_or(&first);
             opposite += group.iter().filter(|&&t| even(t) != even(keep)).count();
