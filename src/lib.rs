@@ -16,9 +16,14 @@ pub mod progress;
 pub mod report;
 pub mod sampling;
 
+pub mod light;
 pub mod scene;
+pub mod light;
+pub mod reconstruct;
 pub mod simplify;
+pub mod solve;
 pub mod trace;
+pub mod transfer;
 
 pub mod bake;
 pub mod output;

@@ -1,49 +1,55 @@
-//! The geometry simplification: surfaces are cut by voxels and the pieces grouped into patches.
+//! The geometry simplification: surfaces are cut by voxels and the pieces grouped into patches (steps 1-4 of the
+//! paper).
+
+pub mod clip;
+mod faces;
+pub mod grid;
+pub mod hit_map;
+mod mesh;
+mod patches;
+mod straddle;
+mod surfels;
+
+pub use clip::{Fragments, NO_PATCH, clip};
+pub use faces::faces;
+pub use grid::Grid;
+pub use hit_map::HitMap;
+pub use mesh::{SplitMesh, split_mesh};
+pub use patches::Patches;
+pub use surfels::surfels;
 
 use glam::Vec3;
 
-/// The patches of the radiosity system, structure of arrays; local units.
-#[derive(Clone, Debug, Default)]
-pub struct Patches {
-    /// Area.
-    pub area: Vec<f32>,
-    /// Area-weighted mean position.
-    pub centroid: Vec<Vec3>,
-    /// Unit mean normal.
-    pub normal: Vec<Vec3>,
-    /// Mean albedo.
-    pub albedo: Vec<Vec3>,
-    /// Mean emitted exitance, W/m2.
-    pub emitted: Vec<Vec3>,
-    /// Voxel.
-    pub voxel: Vec<[i32; 3]>,
+use crate::trace::Geometry;
+
+/// The simplified scene: patches, the surface that they stand for, and the way back from a ray's hit to a patch.
+pub struct Simplified {
+    /// The voxel grid.
+    pub grid: Grid,
+    /// What form-factor rays are traced against: the scene's surfaces, or voxel faces.
+    pub geometry: Geometry,
+    /// Pieces of `geometry`'s triangles, each of one patch a side.
+    pub fragments: Fragments,
+    /// The patches.
+    pub patches: Patches,
+    /// Finds the fragment of a hit.
+    pub hit_map: HitMap,
 }
 
-impl Patches {
-    /// Number of patches.
-    pub fn len(&self) -> usize {
-        self.area.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.area.is_empty()
+impl Simplified {
+    /// Corners of triangle `t`.
+    pub fn corners(&self, t: usize) -> [Vec3; 3] {
+        corners(&self.geometry, t)
     }
 }
 
-/// The surfaces cut by the voxels, as a triangle mesh; vertices of equal position and normal are one.
-#[derive(Clone, Debug, Default)]
-pub struct SplitMesh {
-    /// Vertex positions, local.
-    pub positions: Vec<Vec3>,
-    /// Unit shading normals.
-    pub normals: Vec<Vec3>,
-    /// Albedo at the vertices.
-    pub albedo: Vec<Vec3>,
-    /// Vertex indices. Two-sided surfaces appear once for each side that light reaches.
-    pub triangles: Vec<[u32; 3]>,
-    /// Scene triangle that each triangle is a piece of.
-    pub source: Vec<u32>,
-    /// Patch that each triangle belongs to (`PatchSource::Surfels`; else `u32::MAX`).
-    pub patch: Vec<u32>,
+/// Corners of triangle `t`.
+pub(crate) fn corners(geometry: &Geometry, t: usize) -> [Vec3; 3] {
+    geometry.triangles[t].map(|v| geometry.positions[v as usize])
+}
+
+/// Unit normal of a triangle.
+pub(crate) fn normal_of(corners: &[Vec3; 3]) -> Vec3 {
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
+    (b - a).cross(c - a).normalize_or_zero().as_vec3()
 }

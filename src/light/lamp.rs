@@ -1,0 +1,330 @@
+//! One light that stands somewhere: what it gives without occluders, and points of it to aim shadow rays at.
+
+use std::f64::consts::PI;
+
+use glam::{DVec3, Vec3};
+
+use super::{form, spherical::SphericalPolygon};
+use crate::{
+    bake::SurfacePoint,
+    sampling,
+    scene::{Light, RAY_OFFSET},
+};
+
+/// A light with its colour: radiance, radiant intensity or irradiance at normal incidence, by shape.
+#[derive(Clone, Debug)]
+pub(super) struct Lamp {
+    pub shape: Shape,
+    pub colour: Vec3,
+    /// Whether it is a triangle (or two) of the scene.
+    pub surface: bool,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Shape {
+    Polygon(Polygon),
+    Disc { centre: Vec3, normal: Vec3, radius: f32 },
+    Point { position: Vec3, range: f32 },
+    Spot { position: Vec3, direction: Vec3, cos_inner: f32, cos_outer: f32, range: f32 },
+    Sun { direction: Vec3 },
+}
+
+/// A triangle, or a parallelogram whose corners 1 and 3 are next to corner 0.
+#[derive(Clone, Debug)]
+pub(super) struct Polygon {
+    corners: [Vec3; 4],
+    count: usize,
+    normal: Vec3,
+    area: f32,
+    centre: Vec3,
+    radius: f32,
+    both_sides: bool,
+}
+
+/// Where a shadow ray ends and what its arrival is worth.
+pub(super) struct Aim {
+    /// From the receiver's displaced origin; need not be a unit vector.
+    pub direction: Vec3,
+    /// End of the ray in units of `direction`.
+    pub t_max: f32,
+    /// Irradiance by unit colour, divided by the density of the choice.
+    pub weight: f64,
+}
+
+#[derive(Clone, Debug)]
+/// Bounds of a lamp for the light tree.
+pub(super) struct Bounds {
+    pub low: Vec3,
+    pub high: Vec3,
+    /// Axis of the cone of surface normals (or of directions, for a spot).
+    pub axis: Vec3,
+    /// Half-angle of that cone, radians.
+    pub spread: f32,
+    /// Irradiance x squared distance at normal incidence on the axis, mean of the channels.
+    pub strength: f64,
+}
+
+/// A lamp as one receiver sees it, ready to be aimed at.
+#[allow(clippy::large_enum_variant, reason = "lives on the stack, one at a time")]
+pub(super) enum Sampler<'a> {
+    /// By area.
+    Flat(&'a Lamp),
+    /// By solid angle.
+    Near(&'a Polygon, SphericalPolygon),
+}
+
+impl Polygon {
+    /// `corners`: 3, or 4 of a parallelogram, counter-clockwise as seen from the front. None without area.
+    pub fn new(corners: &[Vec3], both_sides: bool) -> Option<Polygon> {
+        let count = corners.len().min(4);
+        let mut four = [*corners.last()?; 4];
+        four[..count].copy_from_slice(&corners[..count]);
+        let c = four.map(Vec3::as_dvec3);
+        let cross = (c[1] - c[0]).cross(c[count - 1] - c[0]);
+        let area = cross.length() * if count == 4 { 1.0 } else { 0.5 };
+        if !(area > 0.0 && area.is_finite()) {
+            return None;
+        }
+        let centre = c[..count].iter().sum::<DVec3>() / count as f64;
+        let radius = c[..count].iter().map(|p| p.distance(centre)).fold(0.0, f64::max);
+        Some(Polygon {
+            corners: four,
+            count,
+            normal: cross.normalize().as_vec3(),
+            area: area as f32,
+            centre: centre.as_vec3(),
+            radius: radius as f32,
+            both_sides,
+        })
+    }
+
+    fn relative_corners(&self, x: Vec3) -> [DVec3; 4] {
+        self.corners.map(|c| c.as_dvec3() - x.as_dvec3())
+    }
+
+    /// Signed distance of `x` from the polygon's plane if light leaves towards it, else 0.
+    fn front_distance(&self, x: Vec3) -> f64 {
+        let height = self.normal.as_dvec3().dot(x.as_dvec3() - self.corners[0].as_dvec3());
+        if height > 0.0 || self.both_sides { height } else { 0.0 }
+    }
+}
+
+impl Lamp {
+    /// The lamp of a light of the scene; none if it is the sky, gives no light or is not finite.
+    pub fn new(light: &Light) -> Option<Lamp> {
+        let (shape, colour) = match *light {
+            Light::Rectangle { corner, edge_u, edge_v, radiance } => {
+                let corners = [corner, corner + edge_u, corner + edge_u + edge_v, corner + edge_v];
+                (Shape::Polygon(Polygon::new(&corners, false)?), radiance)
+            }
+            Light::Disc { centre, normal, radius, radiance } => {
+                (Shape::Disc { centre, normal: normal.try_normalize()?, radius }, radiance)
+            }
+            Light::Point { position, intensity, range } => (Shape::Point { position, range }, intensity),
+            Light::Spot { position, direction, intensity, cos_inner, cos_outer, range } => {
+                let direction = direction.try_normalize()?;
+                (Shape::Spot { position, direction, cos_inner, cos_outer, range }, intensity)
+            }
+            Light::Sun { direction, irradiance } => (Shape::Sun { direction: direction.try_normalize()? }, irradiance),
+            Light::Sky { .. } | Light::Environment(_) => return None,
+        };
+        let lamp = Lamp { shape, colour, surface: false };
+        (lamp.is_finite() && lamp.colour != Vec3::ZERO).then_some(lamp)
+    }
+
+    /// Whether every number of it is usable.
+    fn is_finite(&self) -> bool {
+        self.colour.is_finite()
+            && self.colour.min_element() >= 0.0
+            && match &self.shape {
+                Shape::Polygon(p) => p.corners.iter().all(|c| c.is_finite()),
+                Shape::Disc { centre, radius, .. } => centre.is_finite() && radius.is_finite() && *radius > 0.0,
+                Shape::Point { position, range } => position.is_finite() && *range > 0.0,
+                Shape::Spot { position, range, cos_inner, cos_outer, .. } => {
+                    position.is_finite() && *range > 0.0 && cos_inner.is_finite() && cos_outer.is_finite()
+                }
+                Shape::Sun { direction } => direction.is_finite(),
+            }
+    }
+
+    /// Emitted power, W / scale^2, by unit colour; 0 for a sun, whose power has no bound.
+    pub fn power(&self) -> f64 {
+        match &self.shape {
+            Shape::Polygon(p) => PI * p.area as f64 * if p.both_sides { 2.0 } else { 1.0 },
+            Shape::Disc { radius, .. } => PI * PI * (*radius as f64).powi(2),
+            Shape::Point { .. } => 4.0 * PI,
+            Shape::Spot { cos_inner, cos_outer, .. } => {
+                let (inner, outer) = (*cos_inner as f64, *cos_outer as f64);
+                2.0 * PI * (1.0 - inner + (inner - outer).max(0.0) / 3.0)
+            }
+            Shape::Sun { .. } => 0.0,
+        }
+    }
+
+    /// Irradiance at `x` by unit colour if nothing stood between. Finite, not negative.
+    pub fn unshadowed(&self, x: &SurfacePoint) -> f64 {
+        let normal = x.normal.as_dvec3();
+        match &self.shape {
+            Shape::Polygon(p) => {
+                if p.front_distance(x.position) == 0.0 {
+                    return 0.0;
+                }
+                let corners = p.relative_corners(x.position);
+                form::polygon(&corners[..p.count], normal)
+            }
+            Shape::Disc { centre, normal: axis, radius } => {
+                let centre = centre.as_dvec3() - x.position.as_dvec3();
+                if centre.dot(axis.as_dvec3()) >= 0.0 {
+                    return 0.0;
+                }
+                form::disc(centre, axis.as_dvec3(), *radius as f64, normal)
+            }
+            Shape::Point { position, range } => from_point(position.as_dvec3() - x.position.as_dvec3(), normal, *range),
+            Shape::Spot { position, direction, cos_inner, cos_outer, range } => {
+                let to_light = position.as_dvec3() - x.position.as_dvec3();
+                let cos = -to_light.normalize_or_zero().dot(direction.as_dvec3());
+                cone(cos, *cos_inner as f64, *cos_outer as f64) * from_point(to_light, normal, *range)
+            }
+            Shape::Sun { direction } => (-normal.dot(direction.as_dvec3())).max(0.0),
+        }
+    }
+
+    /// Whether one shadow ray a point says everything.
+    pub fn is_point_like(&self) -> bool {
+        !matches!(self.shape, Shape::Polygon(_) | Shape::Disc { .. })
+    }
+
+    /// Prepares aiming from `x`.
+    pub fn sampler(&self, x: &SurfacePoint) -> Sampler<'_> {
+        if let Shape::Polygon(p) = &self.shape {
+            let towards = p.centre - x.position;
+            let height = x.normal.dot(towards);
+            // Near, or cut by the horizon: area sampling would waste most samples on points that count little.
+            let near = towards.length_squared() < NEAR * NEAR * p.radius * p.radius;
+            if near || height < p.radius {
+                let corners = p.relative_corners(x.position);
+                let above = form::Clipped::new(&corners[..p.count], x.normal.as_dvec3());
+                if let Some(sphere) = SphericalPolygon::new(above.corners()) {
+                    return Sampler::Near(p, sphere);
+                }
+            }
+        }
+        Sampler::Flat(self)
+    }
+
+    /// Bounds for the light tree; none for a sun.
+    pub fn bounds(&self) -> Option<Bounds> {
+        use std::f32::consts::PI;
+        let weight = super::sky::mean(self.colour);
+        Some(match &self.shape {
+            Shape::Polygon(p) => {
+                let corners = &p.corners[..p.count];
+                Bounds {
+                    low: corners.iter().copied().fold(Vec3::INFINITY, Vec3::min),
+                    high: corners.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max),
+                    axis: p.normal,
+                    spread: if p.both_sides { PI } else { 0.0 },
+                    strength: weight * p.area as f64,
+                }
+            }
+            Shape::Disc { centre, normal, radius } => Bounds {
+                low: *centre - Vec3::splat(*radius),
+                high: *centre + Vec3::splat(*radius),
+                axis: *normal,
+                spread: 0.0,
+                strength: weight * std::f64::consts::PI * (*radius as f64).powi(2),
+            },
+            Shape::Point { position, .. } => {
+                Bounds { low: *position, high: *position, axis: Vec3::Y, spread: PI, strength: weight }
+            }
+            Shape::Spot { position, direction, cos_outer, .. } => Bounds {
+                low: *position,
+                high: *position,
+                axis: *direction,
+                spread: cos_outer.clamp(-1.0, 1.0).acos(),
+                strength: weight,
+            },
+            Shape::Sun { .. } => return None,
+        })
+    }
+}
+
+/// Up to how many radii from its centre a polygon is sampled by solid angle.
+const NEAR: f32 = 4.0;
+
+impl Sampler<'_> {
+    /// A point of the lamp for the square's point (u, v), as seen by `x`; none where it gives no light.
+    ///
+    /// The mean weight over the square is [`Lamp::unshadowed`].
+    pub fn aim(&self, x: &SurfacePoint, u: f32, v: f32) -> Option<Aim> {
+        match self {
+            Sampler::Near(polygon, sphere) => {
+                let direction = sphere.sample(u as f64, v as f64);
+                let n = polygon.normal.as_dvec3();
+                let height = polygon.front_distance(x.position);
+                let t = -height / n.dot(direction);
+                let weight = x.normal.as_dvec3().dot(direction) * sphere.solid_angle();
+                let target = x.position.as_dvec3() + t * direction;
+                (t > 0.0 && t.is_finite()).then(|| aim_at(x, target.as_vec3(), offset(n.as_vec3(), height), weight))?
+            }
+            Sampler::Flat(lamp) => match &lamp.shape {
+                Shape::Polygon(p) => {
+                    let [a, b, .., d] = p.corners;
+                    let (u, v) = if p.count == 4 { (u, v) } else { sampling::triangle(u, v) };
+                    let height = p.front_distance(x.position);
+                    patch_of_light(x, a + u * (b - a) + v * (d - a), p.normal, height, p.area)
+                }
+                Shape::Disc { centre, normal, radius } => {
+                    let (e1, e2) = sampling::frame(*normal);
+                    let at = sampling::concentric_disc(u, v) * *radius;
+                    let height = normal.as_dvec3().dot(x.position.as_dvec3() - centre.as_dvec3()).max(0.0);
+                    let area = std::f32::consts::PI * radius * radius;
+                    patch_of_light(x, *centre + at.x * e1 + at.y * e2, *normal, height, area)
+                }
+                Shape::Point { position, .. } | Shape::Spot { position, .. } => {
+                    aim_at(x, *position, Vec3::ZERO, lamp.unshadowed(x))
+                }
+                Shape::Sun { direction } => {
+                    let weight = lamp.unshadowed(x);
+                    (weight > 0.0).then_some(Aim { direction: -*direction, t_max: f32::INFINITY, weight })
+                }
+            },
+        }
+    }
+}
+
+/// The weight of a point chosen uniformly on a surface light: cos cos' area / r^2.
+fn patch_of_light(x: &SurfacePoint, target: Vec3, normal: Vec3, height: f64, area: f32) -> Option<Aim> {
+    let d = target - x.position;
+    let r2 = d.length_squared() as f64;
+    let cosines = x.normal.dot(d) as f64 * height.abs();
+    let weight = cosines * area as f64 / (r2 * r2);
+    aim_at(x, target, offset(normal, height), weight)
+}
+
+/// Rays end short of a surface as they start off one, by a fixed height: grazing rays need no extra care.
+fn offset(normal: Vec3, height: f64) -> Vec3 {
+    normal * RAY_OFFSET.copysign(height as f32)
+}
+
+fn aim_at(x: &SurfacePoint, target: Vec3, offset: Vec3, weight: f64) -> Option<Aim> {
+    let direction = target + offset - super::estimate::origin(x);
+    (weight > 0.0 && weight.is_finite() && direction != Vec3::ZERO).then_some(Aim { direction, t_max: 1.0, weight })
+}
+
+/// cos / d^2 with the range window of KHR_lights_punctual. A light nearer than a ray's offset counts as that far.
+fn from_point(to_light: DVec3, normal: DVec3, range: f32) -> f64 {
+    let d2 = to_light.length_squared();
+    let nearest = (RAY_OFFSET as f64).powi(2);
+    let window = (1.0 - (d2 / (range as f64).powi(2)).powi(2)).clamp(0.0, 1.0);
+    if d2 < nearest * 1e-6 {
+        return 0.0;
+    }
+    window * normal.dot(to_light).max(0.0) / (d2.sqrt() * d2.max(nearest))
+}
+
+/// Angular fall-off of KHR_lights_punctual.
+fn cone(cos: f64, cos_inner: f64, cos_outer: f64) -> f64 {
+    let t = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-6)).clamp(0.0, 1.0);
+    t * t
+}

@@ -1,0 +1,119 @@
+//! Direct irradiance of patches, vertices and points by every kind of light.
+//!
+//! The light of a lamp is its exact irradiance without occluders (Lambert's formula and its kin, `form`) times the
+//! share of it that shadow rays find unblocked, so that a receiver in full view has no noise at all. Rays are
+//! stratified (Owen-scrambled Sobol), go to a lamp in proportion to what it can give, and towards near lamps are
+//! uniform in solid angle (`spherical`). Where there are more lamps than a receiver can look at one by one, a tree
+//! groups them (`tree`).
+
+use glam::Vec3;
+
+use crate::{Scene, bake::SurfacePoint, scene::Light, trace::RayTracer};
+
+mod emitters;
+mod estimate;
+mod form;
+mod lamp;
+mod sky;
+mod spherical;
+mod tree;
+
+use lamp::Lamp;
+use sky::{Map, Sky};
+use tree::Tree;
+
+/// The lights of a scene, prepared: emissive triangles and [`Scene::lights`], in the local frame.
+#[derive(Clone, Debug, Default)]
+pub struct LightSet {
+    lamps: Vec<Lamp>,
+    /// Over all lamps but the suns.
+    tree: Tree,
+    suns: Vec<u32>,
+    sky: Sky,
+}
+
+/// What [`irradiance`] found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DirectResult {
+    /// One entry a receiver, W/m2; finite and not negative.
+    pub irradiance: Vec<Vec3>,
+    /// Shadow rays traced.
+    pub rays: u64,
+}
+
+impl LightSet {
+    /// Prepares the lights of `scene`. Lights that are black, without extent or not finite are left out.
+    pub fn new(scene: &Scene) -> LightSet {
+        let mut lamps = emitters::lamps(scene);
+        lamps.extend(scene.lights.iter().filter_map(Lamp::new));
+        let mut sky = Sky::default();
+        for light in &scene.lights {
+            match light {
+                Light::Sky { radiance } if radiance.is_finite() => sky.constant += radiance.max(Vec3::ZERO),
+                Light::Environment(image) => sky.maps.extend(Map::new(image)),
+                _ => {}
+            }
+        }
+        LightSet::of(lamps, sky)
+    }
+
+    fn of(lamps: Vec<Lamp>, sky: Sky) -> LightSet {
+        let suns = (0..lamps.len() as u32).filter(|&i| lamps[i as usize].bounds().is_none()).collect();
+        LightSet { tree: Tree::new(&lamps), suns, lamps, sky }
+    }
+
+    /// Whether there is no light at all.
+    pub fn is_empty(&self) -> bool {
+        self.lamps.is_empty() && !self.has_sky()
+    }
+
+    /// Emitted power by channel, W / scale^2, without sun and sky (whose power has no bound).
+    pub fn power(&self) -> [f64; 3] {
+        let mut power = [0.0; 3];
+        for lamp in &self.lamps {
+            for (sum, colour) in power.iter_mut().zip(lamp.colour.to_array()) {
+                *sum += lamp.power() * colour as f64;
+            }
+        }
+        power
+    }
+
+    /// Radiance that arrives from unit `direction` when no surface is in the way, W/m2/sr: constant sky and
+    /// environment; suns have no extent and are not in it.
+    pub fn sky_radiance(&self, direction: Vec3) -> Vec3 {
+        self.sky.radiance(direction)
+    }
+
+    /// Whether [`LightSet::sky_radiance`] is anything but black.
+    pub fn has_sky(&self) -> bool {
+        self.sky.is_lit()
+    }
+
+    /// Without emissive surfaces: for when emitting triangles are senders of the radiosity system themselves.
+    pub fn without_surfaces(self) -> LightSet {
+        LightSet::of(self.lamps.into_iter().filter(|lamp| !lamp.surface).collect(), self.sky)
+    }
+}
+
+/// Direct irradiance of receivers, W/m2.
+///
+/// A receiver is `points_per_receiver` consecutive `points`; its irradiance is the mean over them. Sample k of
+/// `samples` (at most 65536; a power of two is best) is taken at point k modulo `points_per_receiver`. For a patch give as
+/// many points as samples, at the places that the first two coordinates of `sampling::sobol4(k, seed)` choose with
+/// the same `seed`: the lights then use the other two, and all four are stratified together. Points are taken as
+/// they are; rays start [`RAY_OFFSET`](crate::scene::RAY_OFFSET) off along the unit normal. Receivers
+/// with a point that is not finite or a normal that is not a unit vector get no light.
+///
+/// # Accuracy
+/// Exact in full view of the lights (skies: of all of a constant sky). Equal points and `seed` give equal bits, whatever
+/// else is in the list and however many threads there are.
+pub fn irradiance(
+    lights: &LightSet,
+    tracer: &dyn RayTracer,
+    points: &[SurfacePoint],
+    points_per_receiver: usize,
+    samples: u32,
+    seed: u64,
+) -> DirectResult {
+    estimate::irradiance(lights, tracer, points, points_per_receiver, samples, seed)
+}

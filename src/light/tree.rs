@@ -1,0 +1,252 @@
+//! A tree over many lamps: picks one with a probability near its share, without visiting all.
+//!
+//! After Conty Estevez & Kulla 2018 ("Importance sampling of many lights with adaptive tree splitting"): nodes know a
+//! box, a cone of normals and a strength. The importance is zero only where no lamp of the node can give light, so
+//! that picks are unbiased.
+
+use glam::{Quat, Vec3};
+
+use super::lamp::{Bounds, Lamp};
+use crate::bake::SurfacePoint;
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tree {
+    nodes: Vec<Node>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    centre: Vec3,
+    radius: f32,
+    axis: Vec3,
+    cos_spread: f32,
+    sin_spread: f32,
+    strength: f32,
+    content: Content,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Content {
+    Lamp(u32),
+    /// The first child follows its parent.
+    SecondChild(u32),
+}
+
+/// What a receiver is to the tree: a ball of points with a cone of normals.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ball {
+    centre: Vec3,
+    normal: Vec3,
+    radius: f32,
+    cos_spread: f32,
+    sin_spread: f32,
+}
+
+impl Ball {
+    /// One point.
+    pub fn point(x: &SurfacePoint) -> Ball {
+        Ball { centre: x.position, normal: x.normal, radius: 0.0, cos_spread: 1.0, sin_spread: 0.0 }
+    }
+
+    /// Around all of `points` (at least one).
+    pub fn around(points: &[SurfacePoint]) -> Ball {
+        let n = points.len() as f32;
+        let centre = points.iter().map(|x| x.position).sum::<Vec3>() / n;
+        let normal = points.iter().map(|x| x.normal).sum::<Vec3>().normalize_or(points[0].normal);
+        let radius = points.iter().map(|x| x.position.distance(centre)).fold(0.0, f32::max);
+        let cos = points.iter().map(|x| x.normal.dot(normal)).fold(1.0, f32::min).max(-1.0);
+        // A little wider than the rounding of its parts.
+        let cos = if cos > 1.0 - 1e-5 { 1.0 } else { cos - 1e-5 };
+        Ball { centre, normal, radius, cos_spread: cos, sin_spread: sine(cos) }
+    }
+}
+
+/// A part of the tree, with its importance to a receiver.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Branch {
+    node: u32,
+    pub importance: f32,
+}
+
+impl Tree {
+    /// Over the lamps that have bounds.
+    pub fn new(lamps: &[Lamp]) -> Tree {
+        let mut items: Vec<(u32, Bounds)> =
+            lamps.iter().enumerate().filter_map(|(i, l)| Some((i as u32, l.bounds()?))).collect();
+        let mut tree = Tree { nodes: Vec::with_capacity(2 * items.len()) };
+        if !items.is_empty() {
+            tree.build(&mut items);
+        }
+        tree
+    }
+
+    fn build(&mut self, items: &mut [(u32, Bounds)]) -> Bounds {
+        let at = self.nodes.len();
+        if let [(lamp, bounds)] = items {
+            self.nodes.push(Node::new(bounds, Content::Lamp(*lamp)));
+            return bounds.clone();
+        }
+        let middle = |b: &Bounds| b.low + b.high;
+        let low = items.iter().map(|(_, b)| middle(b)).fold(Vec3::INFINITY, Vec3::min);
+        let high = items.iter().map(|(_, b)| middle(b)).fold(Vec3::NEG_INFINITY, Vec3::max);
+        let axis = (high - low).max_position();
+        let half = items.len() / 2;
+        // Ties are broken by the index: the tree must not depend on the order of equal items.
+        items
+            .select_nth_unstable_by(half, |a, b| middle(&a.1)[axis].total_cmp(&middle(&b.1)[axis]).then(a.0.cmp(&b.0)));
+        self.nodes.push(Node::new(&items[0].1, Content::Lamp(0)));
+        let (left, right) = items.split_at_mut(half);
+        let first = self.build(left);
+        let second_at = self.nodes.len() as u32;
+        let bounds = first.union(&self.build(right));
+        self.nodes[at] = Node::new(&bounds, Content::SecondChild(second_at));
+        bounds
+    }
+
+    /// The whole tree as seen by `receiver`; none if it gives it nothing.
+    pub fn root(&self, receiver: &Ball) -> Option<Branch> {
+        self.branch(0, receiver)
+    }
+
+    fn branch(&self, node: u32, receiver: &Ball) -> Option<Branch> {
+        let importance = self.nodes.get(node as usize)?.importance(receiver);
+        (importance > 0.0).then_some(Branch { node, importance })
+    }
+
+    /// The lamp, if the branch is a single one.
+    pub fn lamp(&self, branch: Branch) -> Option<u32> {
+        match self.nodes[branch.node as usize].content {
+            Content::Lamp(lamp) => Some(lamp),
+            Content::SecondChild(_) => None,
+        }
+    }
+
+    fn children(&self, branch: Branch, second: u32, receiver: &Ball) -> [Option<Branch>; 2] {
+        [self.branch(branch.node + 1, receiver), self.branch(second, receiver)]
+    }
+
+    /// Splits the most important branches of `cut` until it holds `limit` of them or only lamps. Branches that give
+    /// nothing leave it.
+    pub fn refine(&self, cut: &mut Vec<Branch>, limit: usize, receiver: &Ball) {
+        while cut.len() < limit {
+            let widest = (0..cut.len())
+                .filter(|&i| self.lamp(cut[i]).is_none())
+                .max_by(|&i, &j| cut[i].importance.total_cmp(&cut[j].importance).then(j.cmp(&i)));
+            let Some(i) = widest else { return };
+            let branch = cut.swap_remove(i);
+            if let Content::SecondChild(second) = self.nodes[branch.node as usize].content {
+                cut.extend(self.children(branch, second, receiver).into_iter().flatten());
+            }
+        }
+    }
+
+    /// A lamp below `branch` and the probability of the pick, by `u` in [0, 1); none if all give nothing to `x`.
+    pub fn pick(&self, branch: Branch, x: &Ball, mut u: f32) -> Option<(u32, f64)> {
+        let (mut branch, mut probability) = (branch, 1.0_f64);
+        loop {
+            let second = match self.nodes[branch.node as usize].content {
+                Content::Lamp(lamp) => return Some((lamp, probability)),
+                Content::SecondChild(second) => second,
+            };
+            branch = match self.children(branch, second, x) {
+                [None, None] => return None,
+                [Some(only), None] | [None, Some(only)] => only,
+                [Some(a), Some(b)] => {
+                    let share = a.importance / (a.importance + b.importance);
+                    if u < share {
+                        u /= share;
+                        probability *= share as f64;
+                        a
+                    } else {
+                        u = ((u - share) / (1.0 - share)).min(0.999_999_94);
+                        probability *= 1.0 - share as f64;
+                        b
+                    }
+                }
+            };
+        }
+    }
+}
+
+impl Node {
+    fn new(b: &Bounds, content: Content) -> Node {
+        let (sin, cos) = b.spread.sin_cos();
+        Node {
+            centre: 0.5 * (b.low + b.high),
+            // Slightly more, so that rounding cannot leave a lamp outside.
+            radius: 0.5 * (b.high - b.low).length() * 1.000_01,
+            axis: b.axis,
+            cos_spread: cos,
+            sin_spread: if b.spread >= std::f32::consts::PI { 0.0 } else { sin },
+            strength: (b.strength as f32).clamp(f32::MIN_POSITIVE, f32::MAX * 1e-6),
+            content,
+        }
+    }
+
+    /// About the irradiance that the node gives; zero only if it gives none.
+    fn importance(&self, receiver: &Ball) -> f32 {
+        let v = self.centre - receiver.centre;
+        let radius = self.radius + receiver.radius;
+        let d2 = v.length_squared();
+        if d2 <= radius * radius {
+            return self.strength / d2.max(0.25 * radius * radius).max(f32::MIN_POSITIVE);
+        }
+        let d = d2.sqrt();
+        // Half-angle of the ball around the node, seen from the receiver.
+        let sin_ball = radius / d;
+        let cos_ball = (1.0 - sin_ball * sin_ball).max(0.0).sqrt();
+
+        let cos = (receiver.normal.dot(v) / d).clamp(-1.0, 1.0);
+        let cos = closer(cos, cos_ball, sin_ball);
+        let at_receiver = closer(cos, receiver.cos_spread, receiver.sin_spread);
+        let cos = (-self.axis.dot(v) / d).clamp(-1.0, 1.0);
+        let cos = closer(cos, cos_ball, sin_ball);
+        let at_light = closer(cos, self.cos_spread, self.sin_spread);
+        // A margin for rounding: the horizon itself gives no light anyway.
+        if at_receiver <= -1e-5 || at_light <= -1e-5 {
+            return 0.0;
+        }
+        (self.strength * at_receiver.max(1e-3) * at_light.max(1e-3) / d2).max(f32::MIN_POSITIVE)
+    }
+}
+
+/// Cosine of max(0, a - b), angles in 0 ..= pi given by cosines (and the sine of b).
+fn closer(cos_a: f32, cos_b: f32, sin_b: f32) -> f32 {
+    if cos_a >= cos_b { 1.0 } else { cos_a * cos_b + sine(cos_a) * sin_b }
+}
+
+fn sine(cos: f32) -> f32 {
+    (1.0 - cos * cos).max(0.0).sqrt()
+}
+
+impl Bounds {
+    fn union(&self, other: &Bounds) -> Bounds {
+        let (axis, spread) = cone_union(self, other);
+        Bounds {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            axis,
+            spread,
+            strength: self.strength + other.strength,
+        }
+    }
+}
+
+/// The smallest cone around two (Conty Estevez & Kulla 2018, algorithm 1).
+fn cone_union(a: &Bounds, b: &Bounds) -> (Vec3, f32) {
+    use std::f32::consts::PI;
+    let (a, b) = if a.spread >= b.spread { (a, b) } else { (b, a) };
+    // atan2: acos of a dot product loses half the digits of small angles.
+    let between = a.axis.cross(b.axis).length().atan2(a.axis.dot(b.axis));
+    if (between + b.spread).min(PI) <= a.spread {
+        return (a.axis, a.spread);
+    }
+    let spread = 0.5 * (a.spread + between + b.spread);
+    let pivot = a.axis.cross(b.axis);
+    if spread >= PI || pivot.length_squared() < 1e-12 {
+        // Opposite axes have no plane in common; a whole sphere always holds both. Equal axes need the wider cone.
+        return if between > 1.0 || spread >= PI { (a.axis, PI) } else { (a.axis, a.spread + between) };
+    }
+    let axis = Quat::from_axis_angle(pivot.normalize(), spread - a.spread) * a.axis;
+    (axis.normalize(), spread)
+}

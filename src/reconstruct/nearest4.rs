@@ -1,0 +1,51 @@
+//! Step 5 of the paper: the four nearest patches, by inverse distance.
+
+use glam::Vec3;
+
+use super::Field;
+use crate::bake::SurfacePoint;
+
+/// The four nearest known patches whose normals are within the threshold angle, weighted by inverse distance.
+///
+/// Weights sum to 1: w_k = (1/d_k) / sum(1/d). The paper's printed formula has a wrong normaliser.
+pub fn interpolate(field: &Field, point: &SurfacePoint) -> Vec3 {
+    let mut radius = 1.0;
+    loop {
+        let best = nearest(field, point, radius);
+        // Beyond `radius` voxels there may be nearer ones than those found in the corners of the cube.
+        let limit = radius * field.simplified.grid.voxel_size as f32;
+        let complete = best[3].0 <= limit * limit;
+        if complete || radius >= field.index.whole() {
+            return blend(field, &best);
+        }
+        radius *= 2.0;
+    }
+}
+
+/// The four nearest as (squared distance, patch), nearest first; infinite where there are fewer.
+fn nearest(field: &Field, point: &SurfacePoint, radius: f32) -> [(f32, usize); 4] {
+    let patches = field.patches();
+    let mut best = [(f32::INFINITY, usize::MAX); 4];
+    field.index.near(point.position, radius, |j| {
+        if !field.known[j] || patches.normal[j].dot(point.normal) < field.cos_threshold {
+            return;
+        }
+        let entry = (patches.centroid[j].distance_squared(point.position), j);
+        if entry < best[3] {
+            best[3] = entry;
+            best.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        }
+    });
+    best
+}
+
+fn blend(field: &Field, best: &[(f32, usize); 4]) -> Vec3 {
+    let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+    for &(d2, j) in best.iter().filter(|b| b.1 != usize::MAX) {
+        // A point in the very centre of a patch takes its value.
+        let w = 1.0 / d2.sqrt().max(1e-12);
+        sum += w * field.values[j];
+        weights += w;
+    }
+    if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+}

@@ -1,0 +1,140 @@
+//! Local linear least squares over the patches that a point sees on its own surface.
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::{Field, nearest4};
+use crate::{
+    bake::SurfacePoint,
+    sampling,
+    trace::{Hit, RayBatch},
+};
+
+/// Patches within this many voxels take part.
+const RADIUS: f32 = 1.5;
+/// How far, in voxels, a patch may stand off the smooth surface through the point.
+const STEP: f32 = 0.25;
+/// Most neighbours of a point.
+const MOST: usize = 48;
+/// Height, in voxels, at which points look for each other.
+const LIFT: f32 = 0.02;
+
+/// A patch near a point.
+#[derive(Clone, Copy)]
+struct Neighbour {
+    patch: u32,
+    weight: f32,
+}
+
+/// Fits a plane to the values of the neighbours of every point, and takes its value at the point, kept within what
+/// the neighbours say. Points without visible neighbours take the paper's four nearest.
+pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let h = field.simplified.grid.voxel_size as f32;
+    let mut neighbours: Vec<Neighbour> = Vec::with_capacity(points.len() * 16);
+    let mut ends = Vec::with_capacity(points.len());
+    for point in points {
+        gather(field, point, h, &mut neighbours);
+        ends.push(neighbours.len());
+    }
+    drop_hidden(field, points, &ends, h, &mut neighbours);
+
+    let mut begin = 0;
+    points
+        .iter()
+        .zip(ends)
+        .map(|(point, end)| {
+            let own = &neighbours[begin..end];
+            begin = end;
+            fit(field, point, own, h).unwrap_or_else(|| nearest4::interpolate(field, point))
+        })
+        .collect()
+}
+
+/// Known patches that face the same way, lie near and on the same smooth surface.
+fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>) {
+    let patches = field.patches();
+    let begin = out.len();
+    field.index.near(point.position, RADIUS, |j| {
+        if !field.known[j] || out.len() - begin == MOST {
+            return;
+        }
+        let normal = patches.normal[j];
+        let to = patches.centroid[j] - point.position;
+        let distance = to.length() / (RADIUS * h);
+        if distance >= 1.0 || normal.dot(point.normal) < field.cos_threshold {
+            return;
+        }
+        // Zero between any two points of a plane or sphere; the height of a step between parallel planes.
+        let step = to.dot((normal + point.normal).normalize()).abs() / (STEP * h);
+        if step >= 1.0 {
+            return;
+        }
+        let weight = (1.0 - distance * distance).powi(2) * (1.0 - step * step).powi(2);
+        out.push(Neighbour { patch: j as u32, weight });
+    });
+}
+
+/// Takes the weight from neighbours that the point does not see. Surfaces that face like the point do not block, or
+/// convex surfaces would hide their own.
+fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, neighbours: &mut [Neighbour]) {
+    let patches = field.patches();
+    let mut rays = RayBatch::with_capacity(neighbours.len());
+    let mut begin = 0;
+    for (point, &end) in points.iter().zip(ends) {
+        let from = point.position + LIFT * h * point.normal;
+        for n in &neighbours[begin..end] {
+            let j = n.patch as usize;
+            rays.push(from, patches.centroid[j] + LIFT * h * patches.normal[j] - from, 0.0, 1.0);
+        }
+        begin = end;
+    }
+    let mut hits = vec![Hit::NONE; rays.len()];
+    field.tracer.closest_hits(&rays, &mut hits);
+    let mut begin = 0;
+    for (point, &end) in points.iter().zip(ends) {
+        for k in begin..end {
+            let blocks = |h: &Hit| h.is_hit() && field.normals[h.triangle()].dot(point.normal).abs() < 0.7;
+            if blocks(&hits[k]) {
+                neighbours[k].weight = 0.0;
+            }
+        }
+        begin = end;
+    }
+}
+
+/// Weighted linear least squares in the tangent plane; `None` without neighbours.
+fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) -> Option<Vec3> {
+    let (t, b) = sampling::frame(point.normal);
+    let mut normal_matrix = DMat3::ZERO;
+    let mut right = [DVec3::ZERO; 3];
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let mut weights = 0.0;
+    for n in neighbours.iter().filter(|n| n.weight > 0.0) {
+        let j = n.patch as usize;
+        let to = (field.patches().centroid[j] - point.position) / h;
+        let basis = DVec3::new(1.0, to.dot(t) as f64, to.dot(b) as f64);
+        let w = n.weight as f64;
+        let value = field.values[j];
+        normal_matrix += DMat3::from_cols(basis * basis.x, basis * basis.y, basis * basis.z) * w;
+        for c in 0..3 {
+            right[c] += basis * (w * value[c] as f64);
+        }
+        low = low.min(value);
+        high = high.max(value);
+        weights += w;
+    }
+    if weights <= 1e-6 {
+        return None;
+    }
+    // A weak pull of the slopes to zero: few or collinear neighbours make no wild slopes.
+    normal_matrix.y_axis.y += RIDGE * weights;
+    normal_matrix.z_axis.z += RIDGE * weights;
+    let inverse = normal_matrix.inverse();
+    let value = Vec3::from_array(std::array::from_fn(|c| (inverse * right[c]).x as f32));
+    // Half the range of the neighbours beyond them is what a corner of a room asks for.
+    let margin = 0.5 * (high - low);
+    let value = value.clamp((low - margin).max(Vec3::ZERO), high + margin);
+    Some(if value.is_finite() { value } else { low })
+}
+
+/// Ridge on the slopes, in units of value per voxel.
+const RIDGE: f64 = 0.01;

@@ -1,0 +1,129 @@
+//! The paper's patches, to the letter: equal square voxel faces (steps 2-4).
+
+use glam::{DVec3, Vec2, Vec3};
+
+use super::{
+    Fragments, Grid, HitMap, Patches, Simplified, clip, normal_of,
+    patches::{Colour, mean_albedo},
+};
+use crate::{Scene, options::FaceColour, trace::Geometry};
+
+/// Takes the faces between voxels with and without a surface, drops those inside objects, and colours the rest by
+/// the polygons of their voxel, weighted by the area of their projection on the face.
+///
+/// A face lies inside an object where the polygons of its voxel that project on it at all turn their backs to it.
+pub fn faces(scene: &Scene, grid: Grid, rule: FaceColour) -> Simplified {
+    let pieces = clip(scene, &grid);
+    let mut by_voxel: Vec<(u64, u32)> = (0..pieces.len()).map(|f| (pieces.voxel[f], f as u32)).collect();
+    by_voxel.sort_unstable();
+    let voxels: Vec<&[(u64, u32)]> = by_voxel.chunk_by(|a, b| a.0 == b.0).collect();
+    let occupied = |voxel: [u32; 3]| voxels.binary_search_by_key(&grid.raster(voxel), |v| v[0].0).is_ok();
+
+    let mut geometry = Geometry::default();
+    let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
+    let mut groups: Vec<Vec<u32>> = Vec::new();
+    let mut colours: Vec<Colour> = Vec::new();
+    for members in &voxels {
+        let voxel = grid.voxel_at(members[0].0);
+        for axis in 0..3 {
+            for up in [false, true] {
+                let neighbour = step(voxel, axis, up, &grid);
+                if neighbour.is_some_and(occupied) {
+                    continue;
+                }
+                let mut outward = DVec3::ZERO;
+                outward[axis] = if up { 1.0 } else { -1.0 };
+                let Some(colour) = face_colour(scene, &pieces, members, outward, grid.voxel_size, rule) else {
+                    continue;
+                };
+                let first = fragments.len() as u32;
+                add_square(&grid, voxel, axis, up, members[0].0, &mut geometry, &mut fragments);
+                groups.push(vec![first << 1, (first + 1) << 1]);
+                colours.push(colour);
+            }
+        }
+    }
+    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours);
+    let hit_map = HitMap::new(&geometry, &fragments, &grid);
+    Simplified { grid, geometry, fragments, patches, hit_map }
+}
+
+/// The neighbour of `voxel`, unless outside the grid.
+fn step(voxel: [u32; 3], axis: usize, up: bool, grid: &Grid) -> Option<[u32; 3]> {
+    let mut neighbour = voxel;
+    neighbour[axis] = if up { voxel[axis] + 1 } else { voxel[axis].checked_sub(1)? };
+    (neighbour[axis] < grid.dims[axis]).then_some(neighbour)
+}
+
+/// Colour of the face of a voxel; `None` inside an object.
+fn face_colour(
+    scene: &Scene,
+    pieces: &Fragments,
+    members: &[(u64, u32)],
+    outward: DVec3,
+    voxel_size: f64,
+    rule: FaceColour,
+) -> Option<Colour> {
+    let (mut facing, mut albedo, mut emitted) = (0.0, DVec3::ZERO, DVec3::ZERO);
+    let (mut whole, mut plain_albedo) = (0.0, DVec3::ZERO);
+    let mut turned_away = false;
+    for &(_, f) in members {
+        let t = pieces.triangle[f as usize] as usize;
+        let triangle = &scene.triangles[t];
+        let corners = scene.corners_of(t);
+        let area = pieces.area(f as usize, &corners);
+        let cosine = normal_of(&corners).as_dvec3().dot(outward);
+        let own = mean_albedo(scene, pieces, f as usize).as_dvec3();
+        whole += area;
+        plain_albedo += area * own;
+        if cosine.abs() * area < 1e-6 * voxel_size * voxel_size {
+            continue;
+        }
+        if cosine > 0.0 || triangle.two_sided {
+            let projected = area * cosine.abs();
+            facing += projected;
+            albedo += projected * own;
+            if cosine > 0.0 || triangle.emits_back {
+                emitted += projected * std::f64::consts::PI * scene.emission(t).as_dvec3();
+            }
+        } else {
+            turned_away = true;
+        }
+    }
+    if facing > 0.0 {
+        let norm = match rule {
+            FaceColour::Normalised => facing,
+            FaceColour::Literal => voxel_size * voxel_size,
+        };
+        let most = DVec3::splat(crate::scene::material::ALBEDO_MAX as f64);
+        return Some(Colour { albedo: (albedo / norm).min(most).as_vec3(), emitted: (emitted / norm).as_vec3() });
+    }
+    // Only edge-on polygons: the plain mean.
+    (!turned_away).then(|| Colour { albedo: (plain_albedo / whole).as_vec3(), emitted: Vec3::ZERO })
+}
+
+/// Adds the square as two triangles with the outward side in front.
+fn add_square(
+    grid: &Grid,
+    voxel: [u32; 3],
+    axis: usize,
+    up: bool,
+    raster: u64,
+    geometry: &mut Geometry,
+    fragments: &mut Fragments,
+) {
+    let corner = |du: u32, dv: u32| {
+        let mut lattice = voxel;
+        lattice[axis] += up as u32;
+        lattice[(axis + 1) % 3] += du;
+        lattice[(axis + 2) % 3] += dv;
+        (grid.origin + grid.voxel_size * DVec3::from(lattice.map(f64::from))).as_vec3()
+    };
+    let base = geometry.positions.len() as u32;
+    geometry.positions.extend([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);
+    let triangles = if up { [[0, 1, 2], [0, 2, 3]] } else { [[0, 2, 1], [0, 3, 2]] };
+    for t in triangles {
+        fragments.push(geometry.triangles.len() as u32, raster, [Vec2::ZERO, Vec2::X, Vec2::Y]);
+        geometry.triangles.push(t.map(|v| base + v));
+    }
+}

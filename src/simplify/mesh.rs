@@ -1,0 +1,264 @@
+//! The voxel-split mesh: what light is finally told at.
+
+use std::collections::HashMap;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{
+    Fragments,
+    clip::{point_at, uv_centroid},
+    normal_of,
+    surfels::UNLIKE,
+};
+use crate::{
+    Scene,
+    bake::SurfacePoint,
+    trace::{Hit, RayBatch, RayTracer},
+};
+
+/// The surfaces cut by the voxels, as a triangle mesh. Corners of equal position and normal that see each other are
+/// one vertex, whatever mesh or triangle they come from: no seams. A vertex under a wall is two.
+#[derive(Clone, Debug, Default)]
+pub struct SplitMesh {
+    /// Vertex positions, local.
+    pub positions: Vec<Vec3>,
+    /// Unit shading normals.
+    pub normals: Vec<Vec3>,
+    /// Albedo at the vertices.
+    pub albedo: Vec<Vec3>,
+    /// Vertex indices. Two-sided surfaces appear once for each side that light reaches.
+    pub triangles: Vec<[u32; 3]>,
+    /// Scene triangle that each triangle is a piece of.
+    pub source: Vec<u32>,
+    /// Patch that each triangle belongs to ([`super::NO_PATCH`] for `PatchSource::Faces`).
+    pub patch: Vec<u32>,
+    /// Where light is computed for each vertex: its position, moved slightly into the surfaces around it, because
+    /// in the very corner of a room half of all rays would slip behind the walls.
+    pub samples: Vec<SurfacePoint>,
+}
+
+/// A corner of a fragment's side.
+struct Corner {
+    position: Vec3,
+    normal: Vec3,
+    /// Geometric normal.
+    flat: Vec3,
+    albedo: Vec3,
+    /// A point slightly inside the fragment, lifted off it.
+    inside: Vec3,
+}
+
+/// Positions nearer than this are equal; local units, a few ulp.
+const WELD: f32 = 5e-7;
+/// Share of the way to the fragment's centre that sample points are moved.
+const NUDGE: f32 = 0.02;
+
+/// Triangulates the fragments' sides that `wanted` names (fragment, side), and welds their corners.
+pub fn split_mesh(
+    scene: &Scene,
+    fragments: &Fragments,
+    voxel_size: f32,
+    tracer: &dyn RayTracer,
+    wanted: impl Fn(usize, usize) -> bool + Sync,
+) -> SplitMesh {
+    let sides: Vec<(usize, usize)> =
+        (0..fragments.len()).flat_map(|f| [(f, 0), (f, 1)]).filter(|&(f, side)| wanted(f, side)).collect();
+    let corners: Vec<Corner> = sides
+        .par_chunks(1024)
+        .flat_map_iter(|chunk| chunk.iter().flat_map(|&(f, side)| fragment_corners(scene, fragments, f, side)))
+        .collect();
+    let (shared, count) = weld(&corners);
+    let vertex_of = separate(&corners, shared, count, voxel_size, scene, tracer);
+
+    let mut mesh = SplitMesh::default();
+    let vertices = vertex_of.iter().max().map_or(0, |v| *v as usize + 1);
+    let mut sums = vec![(Vec3::ZERO, Vec3::ZERO, 0.0_f32); vertices];
+    mesh.positions = vec![Vec3::ZERO; vertices];
+    mesh.normals = vec![Vec3::ZERO; vertices];
+    for (corner, &v) in corners.iter().zip(&vertex_of) {
+        let v = v as usize;
+        if sums[v].2 == 0.0 {
+            mesh.positions[v] = corner.position;
+            mesh.normals[v] = corner.normal;
+        }
+        let sum = &mut sums[v];
+        sum.0 += corner.inside - corner.position;
+        sum.1 += corner.albedo;
+        sum.2 += 1.0;
+    }
+    mesh.albedo = sums.iter().map(|s| s.1 / s.2).collect();
+    mesh.samples = (0..vertices)
+        .map(|v| SurfacePoint {
+            position: mesh.positions[v] + sums[v].0 / sums[v].2,
+            normal: mesh.normals[v],
+        })
+        .collect();
+    let mut first = 0;
+    for &(f, side) in &sides {
+        let n = fragments.uv(f).len() as u32;
+        for k in 1..n - 1 {
+            mesh.triangles.push([0, k, k + 1].map(|c| vertex_of[(first + c) as usize]));
+            mesh.source.push(fragments.triangle[f]);
+            mesh.patch.push(fragments.patch[f][side]);
+        }
+        first += n;
+    }
+    mesh
+}
+
+/// Corners of one side; those of the back run the other way round.
+fn fragment_corners(scene: &Scene, fragments: &Fragments, f: usize, side: usize) -> Vec<Corner> {
+    let t = fragments.triangle[f] as usize;
+    let triangle = scene.corners_of(t);
+    let sign = if side == 1 { -1.0 } else { 1.0 };
+    let flat = sign * normal_of(&triangle);
+    let uv = fragments.uv(f);
+    let middle = point_at(&triangle, uv_centroid(uv));
+    let mut corners: Vec<Corner> = uv
+        .iter()
+        .map(|&p| {
+            let position = point_at(&triangle, p);
+            let normal = match scene.corners.normals.get(t) {
+                Some([a, b, c]) => {
+                    let n = (sign * (*a * (1.0 - p.x - p.y) + *b * p.x + *c * p.y)).normalize_or_zero();
+                    if n.dot(flat) > 0.0 { n } else { flat }
+                }
+                None => flat,
+            };
+            Corner {
+                position,
+                normal,
+                flat,
+                albedo: scene.albedo(t, p.x, p.y),
+                inside: position + NUDGE * (middle - position),
+            }
+        })
+        .collect();
+    if side == 1 {
+        corners.reverse();
+    }
+    corners
+}
+
+/// Gives corners of equal position and normal the same number.
+fn weld(corners: &[Corner]) -> (Vec<u32>, usize) {
+    const CELL: f32 = 1e-4;
+    let cell = |p: Vec3| (p / CELL).floor().as_ivec3();
+    let mut cells: HashMap<glam::IVec3, Vec<u32>, BuildFast> = HashMap::default();
+    let mut representatives: Vec<u32> = Vec::new();
+    let shared = corners
+        .iter()
+        .enumerate()
+        .map(|(i, corner)| {
+            let equal = |&r: &u32| {
+                let other = &corners[representatives[r as usize] as usize];
+                (other.position - corner.position).abs().max_element() <= WELD
+                    && other.normal.dot(corner.normal) > 0.99999
+            };
+            // Equal positions may lie in neighbouring cells only within WELD of their border.
+            let (low, high) = (cell(corner.position - WELD), cell(corner.position + WELD));
+            let near = (low.x..=high.x)
+                .flat_map(|x| (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| glam::IVec3::new(x, y, z))));
+            if let Some(r) = near.filter_map(|c| cells.get(&c)).flatten().copied().find(equal) {
+                return r;
+            }
+            representatives.push(i as u32);
+            let r = representatives.len() as u32 - 1;
+            cells.entry(cell(corner.position)).or_default().push(r);
+            r
+        })
+        .collect();
+    (shared, representatives.len())
+}
+
+/// Splits vertices whose corners do not see each other; returns the final vertex of every corner.
+fn separate(
+    corners: &[Corner],
+    mut shared: Vec<u32>,
+    count: usize,
+    voxel_size: f32,
+    scene: &Scene,
+    tracer: &dyn RayTracer,
+) -> Vec<u32> {
+    let lift = 0.005 * voxel_size;
+    let eye = |c: &Corner| c.inside + lift * c.flat;
+    let normals: Vec<Vec3> = (0..scene.triangles.len()).into_par_iter().map(|t| scene.normal(t)).collect();
+    let blocked = |from: &[u32], to: &[u32]| -> Vec<bool> {
+        from.par_chunks(4096)
+            .zip(to.par_chunks(4096))
+            .flat_map_iter(|(from, to)| {
+                let mut rays = RayBatch::with_capacity(from.len());
+                for (&a, &b) in from.iter().zip(to) {
+                    let (p, q) = (eye(&corners[a as usize]), eye(&corners[b as usize]));
+                    rays.push(p, q - p, 0.0, 1.0);
+                }
+                let mut hits = vec![Hit::NONE; rays.len()];
+                tracer.closest_hits(&rays, &mut hits);
+                let flat = |a: u32| corners[a as usize].flat;
+                hits.iter()
+                    .zip(from)
+                    .map(|(h, &a)| h.is_hit() && normals[h.triangle()].dot(flat(a)).abs() < UNLIKE)
+                    .collect::<Vec<_>>()
+            })
+            .collect()
+    };
+    // Each round compares the corners that still share a vertex with the first of them; those that do not see it
+    // leave together for a new vertex. Three rounds part four rooms that meet in a point.
+    let mut next = count as u32;
+    let mut open: Vec<u32> = (0..corners.len() as u32).collect();
+    for _ in 0..3 {
+        let mut first: HashMap<u32, u32, BuildFast> = HashMap::default();
+        let (mut from, mut to) = (Vec::new(), Vec::new());
+        for &c in &open {
+            let leader = *first.entry(shared[c as usize]).or_insert(c);
+            if leader != c {
+                from.push(leader);
+                to.push(c);
+            }
+        }
+        let mut moved: HashMap<u32, u32, BuildFast> = HashMap::default();
+        open.clear();
+        for (hidden, &c) in blocked(&from, &to).into_iter().zip(&to) {
+            if hidden {
+                let vertex = shared[c as usize];
+                shared[c as usize] = *moved.entry(vertex).or_insert_with(|| {
+                    next += 1;
+                    next - 1
+                });
+                open.push(c);
+            }
+        }
+        if open.is_empty() {
+            break;
+        }
+    }
+    shared
+}
+
+/// A fast hash for small integer keys (multiply and fold).
+#[derive(Clone, Copy, Default)]
+struct Fast(u64);
+
+type BuildFast = std::hash::BuildHasherDefault<Fast>;
+
+impl std::hash::Hasher for Fast {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+    fn write(&mut self, bytes: &[u8]) {
+        for &b in bytes {
+            self.write_u64(b as u64);
+        }
+    }
+    fn write_u32(&mut self, x: u32) {
+        self.write_u64(x as u64);
+    }
+    fn write_i32(&mut self, x: i32) {
+        self.write_u64(x as u32 as u64);
+    }
+    fn write_u64(&mut self, x: u64) {
+        let product = (self.0 ^ x) as u128 * 0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835_u128;
+        self.0 = (product >> 64) as u64 ^ product as u64;
+    }
+}

@@ -1,0 +1,97 @@
+//! Surfel patches: the pieces of real surface in a voxel, grouped by the way they face.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{
+    Fragments, Grid, HitMap, Patches, Simplified, clip, corners, normal_of, patches::mean_colour,
+    straddle::separate,
+};
+use crate::{Scene, trace::RayTracer};
+
+/// Largest cosine between the normals of surfaces that count as unlike.
+pub(super) const UNLIKE: f32 = 0.7;
+
+/// Cuts the scene by the grid and groups the pieces: one patch for each voxel and side of like normals whose points
+/// see each other. `tracer` holds the scene's own triangles.
+pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified {
+    let geometry = scene.geometry();
+    let normals: Vec<Vec3> =
+        (0..scene.triangles.len()).into_par_iter().map(|t| normal_of(&corners(&geometry, t))).collect();
+    let whole = clip(scene, &grid);
+
+    // Every visible side of every fragment, voxel by voxel.
+    let mut sides: Vec<(u64, u32)> = (0..whole.len())
+        .flat_map(|f| {
+            let two_sided = scene.triangles[whole.triangle[f] as usize].two_sided;
+            let voxel = whole.voxel[f];
+            (0..=two_sided as u32).map(move |side| (voxel, (f as u32) << 1 | side))
+        })
+        .collect();
+    sides.par_sort_unstable();
+    let voxels: Vec<&[(u64, u32)]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
+
+    let separated: Vec<_> = voxels
+        .par_iter()
+        .with_min_len(64)
+        .map(|voxel| {
+            let members: Vec<u32> = voxel.iter().map(|s| s.1).collect();
+            let normal = |m: u32| side_normal(&normals, &whole, m);
+            let clusters = cluster(&members, normal);
+            separate(&geometry, &normals, &whole, clusters, grid.voxel_size as f32, tracer)
+        })
+        .collect();
+
+    // Fragments that were cut give way to their pieces.
+    let mut cuts: Vec<Option<&Vec<Vec<glam::Vec2>>>> = vec![None; whole.len()];
+    for (f, pieces) in separated.iter().flat_map(|s| &s.cuts) {
+        cuts[*f as usize] = Some(pieces);
+    }
+    let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
+    let mut first = Vec::with_capacity(whole.len());
+    for (f, cut) in cuts.iter().enumerate() {
+        first.push(fragments.len() as u32);
+        let (triangle, voxel) = (whole.triangle[f], whole.voxel[f]);
+        match cut {
+            None => fragments.push(triangle, voxel, whole.uv(f).iter().copied()),
+            Some(pieces) => pieces.iter().for_each(|p| fragments.push(triangle, voxel, p.iter().copied())),
+        }
+    }
+    let groups: Vec<Vec<u32>> = separated
+        .iter()
+        .flat_map(|s| &s.groups)
+        .map(|group| group.iter().map(|p| (first[(p.member >> 1) as usize] + p.piece) << 1 | (p.member & 1)).collect())
+        .collect();
+
+    let colours: Vec<_> = groups.par_iter().map(|group| mean_colour(scene, &fragments, group)).collect();
+    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours);
+    let hit_map = HitMap::new(&geometry, &fragments, &grid);
+    Simplified { grid, geometry, fragments, patches, hit_map }
+}
+
+/// Unit normal of the side that `member` (`fragment * 2 + side`) names.
+fn side_normal(normals: &[Vec3], fragments: &Fragments, member: u32) -> Vec3 {
+    let n = normals[fragments.triangle[(member >> 1) as usize] as usize];
+    if member & 1 == 1 { -n } else { n }
+}
+
+/// Groups members by signed dominant axis and likeness of their normals to the first of the group.
+fn cluster(members: &[u32], normal: impl Fn(u32) -> Vec3) -> Vec<Vec<u32>> {
+    let mut clusters: Vec<(u32, Vec3, Vec<u32>)> = Vec::new();
+    for &m in members {
+        let n = normal(m);
+        let axis = dominant_axis(n);
+        match clusters.iter_mut().find(|c| c.0 == axis && c.1.dot(n) > UNLIKE) {
+            Some(c) => c.2.push(m),
+            None => clusters.push((axis, n, vec![m])),
+        }
+    }
+    clusters.into_iter().map(|c| c.2).collect()
+}
+
+/// Which of the six signed axes `n` points along most; ties go to the first.
+fn dominant_axis(n: Vec3) -> u32 {
+    let a = n.abs();
+    let k = if a.x >= a.y && a.x >= a.z { 0 } else if a.y >= a.z { 1 } else { 2 };
+    2 * k as u32 + (n[k] < 0.0) as u32
+}

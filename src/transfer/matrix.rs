@@ -1,0 +1,274 @@
+//! Form factors as compressed sparse rows.
+
+use rayon::prelude::*;
+
+/// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
+///
+/// F_ij = hits / valid rays, so a row sums to at most 1. An entry takes 2 bytes as a rule: the step to the next
+/// column as a variable-length integer, the count as a byte (255 announces a variable-length integer).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FormFactors {
+    /// Where each row begins in `bytes`; one more entry than patches.
+    offsets: Vec<u64>,
+    bytes: Vec<u8>,
+    /// Rays of each row that count.
+    valid: Vec<u32>,
+    /// Rays of each row that left the scene; they are among the valid ones.
+    escaped: Vec<u32>,
+    /// Rays of each row that started hidden, inside or behind objects; they do not count.
+    hidden: Vec<u32>,
+    /// No ray leaves the scene: the few that slip through cracks are not counted, and rows sum to 1.
+    closed: bool,
+}
+
+/// Share of escaping rays below which a scene is closed: rays slip through the edge between two triangles about
+/// once in a million.
+const CLOSED: f64 = 2e-5;
+
+/// What one row of rays met.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Row {
+    /// Patch.
+    pub patch: u32,
+    /// Rays that count.
+    pub valid: u32,
+    /// Of these, rays that left the scene.
+    pub escaped: u32,
+    /// Rays that started hidden.
+    pub hidden: u32,
+    /// End of the row in the bytes of its block.
+    pub end: usize,
+}
+
+/// Rows of some patches, in any order.
+#[derive(Clone, Debug, Default)]
+pub struct Block {
+    pub rows: Vec<Row>,
+    pub bytes: Vec<u8>,
+}
+
+impl Block {
+    /// Adds a row; `hits` are (patch, count), sorted by patch.
+    pub fn push(&mut self, row: Row, hits: impl IntoIterator<Item = (u32, u32)>) {
+        let mut last = 0;
+        for (patch, count) in hits {
+            push_varint(&mut self.bytes, patch - last);
+            last = patch;
+            if count < 255 {
+                self.bytes.push(count as u8);
+            } else {
+                self.bytes.push(255);
+                push_varint(&mut self.bytes, count);
+            }
+        }
+        self.rows.push(Row { end: self.bytes.len(), ..row });
+    }
+
+    /// The patches that any row met.
+    pub fn columns(&self) -> impl Iterator<Item = u32> {
+        let mut begin = 0;
+        self.rows.iter().flat_map(move |row| {
+            let bytes = &self.bytes[begin..row.end];
+            begin = row.end;
+            Entries { bytes, patch: 0 }.map(|(patch, _)| patch)
+        })
+    }
+}
+
+fn push_varint(bytes: &mut Vec<u8>, mut x: u32) {
+    while x >= 0x80 {
+        bytes.push(x as u8 | 0x80);
+        x >>= 7;
+    }
+    bytes.push(x as u8);
+}
+
+/// Decodes the entries of a row.
+struct Entries<'a> {
+    bytes: &'a [u8],
+    patch: u32,
+}
+
+impl Entries<'_> {
+    #[inline(always)]
+    fn byte(&mut self) -> Option<u8> {
+        let (&first, rest) = self.bytes.split_first()?;
+        self.bytes = rest;
+        Some(first)
+    }
+
+    #[inline(always)]
+    fn varint(&mut self) -> Option<u32> {
+        let first = self.byte()?;
+        if first < 0x80 {
+            return Some(first as u32);
+        }
+        let mut x = (first & 0x7f) as u32;
+        let mut shift = 7;
+        loop {
+            let b = self.byte()?;
+            x |= ((b & 0x7f) as u32) << shift;
+            if b < 0x80 {
+                return Some(x);
+            }
+            shift += 7;
+        }
+    }
+}
+
+impl Iterator for Entries<'_> {
+    type Item = (u32, u32);
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<(u32, u32)> {
+        self.patch += self.varint()?;
+        let count = match self.byte()? {
+            255 => self.varint()?,
+            count => count as u32,
+        };
+        Some((self.patch, count))
+    }
+}
+
+impl FormFactors {
+    /// Puts the rows of blocks in the order of the patches. Patches without a row get an empty one.
+    pub fn of_blocks(patches: usize, blocks: Vec<Block>) -> FormFactors {
+        let mut f = FormFactors {
+            offsets: Vec::with_capacity(patches + 1),
+            bytes: Vec::with_capacity(blocks.iter().map(|b| b.bytes.len()).sum()),
+            valid: vec![0; patches],
+            escaped: vec![0; patches],
+            hidden: vec![0; patches],
+            closed: false,
+        };
+        let mut place = vec![(0u32, 0usize, 0usize); patches];
+        for (k, block) in blocks.iter().enumerate() {
+            let mut begin = 0;
+            for row in &block.rows {
+                let i = row.patch as usize;
+                place[i] = (k as u32, begin, row.end);
+                (f.valid[i], f.escaped[i], f.hidden[i]) = (row.valid, row.escaped, row.hidden);
+                begin = row.end;
+            }
+        }
+        f.offsets.push(0);
+        for (k, begin, end) in place {
+            if end > begin {
+                f.bytes.extend_from_slice(&blocks[k as usize].bytes[begin..end]);
+            }
+            f.offsets.push(f.bytes.len() as u64);
+        }
+        let sum = |v: &[u32]| v.iter().map(|&x| x as u64).sum::<u64>();
+        f.closed = sum(&f.escaped) as f64 <= CLOSED * sum(&f.valid) as f64;
+        f
+    }
+
+    /// Number of patches.
+    pub fn len(&self) -> usize {
+        self.valid.len()
+    }
+
+    /// Whether there are no patches.
+    pub fn is_empty(&self) -> bool {
+        self.valid.is_empty()
+    }
+
+    /// Whether no light leaves the scene; rows then sum to 1.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Bytes that hold the matrix.
+    pub fn size_in_bytes(&self) -> usize {
+        self.bytes.len() + self.offsets.len() * 8 + self.valid.len() * 12
+    }
+
+    /// The nonzero form factors of row `i`: (j, F_ij), j ascending.
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
+        let scale = self.scale(i);
+        self.entries(i).map(move |(j, count)| (j as usize, count as f64 * scale))
+    }
+
+    /// Number of nonzero form factors.
+    pub fn nonzeros(&self) -> usize {
+        (0..self.len()).into_par_iter().map(|i| self.entries(i).count()).sum()
+    }
+
+    /// Share of the power of `i` that leaves the scene.
+    pub fn escape(&self, i: usize) -> f64 {
+        if self.closed { 0.0 } else { self.escaped[i] as f64 / self.valid[i].max(1) as f64 }
+    }
+
+    /// Share of the rays of `i` that hit something, before a closed scene's rows are normalised.
+    pub fn raw_row_sum(&self, i: usize) -> f64 {
+        (self.valid[i] - self.escaped[i]) as f64 / self.valid[i].max(1) as f64
+    }
+
+    /// Whether row `i` was estimated and has a ray that counts.
+    pub fn has_row(&self, i: usize) -> bool {
+        self.valid[i] > 0
+    }
+
+    /// Share of the surface of `i` that lies hidden inside or behind objects.
+    pub fn hidden(&self, i: usize) -> f64 {
+        self.hidden[i] as f64 / (self.hidden[i] + self.valid[i]).max(1) as f64
+    }
+
+    /// `out_i = sum_j F_ij x_j`, three channels at once. Sums run in the order of j: the same bits for any number of
+    /// threads.
+    pub fn multiply(&self, x: &[[f64; 3]], out: &mut [[f64; 3]]) {
+        out.par_chunks_mut(256).enumerate().for_each(|(chunk, out)| {
+            for (k, out) in out.iter_mut().enumerate() {
+                let i = chunk * 256 + k;
+                let mut sum = [0.0; 3];
+                for (j, count) in self.entries(i) {
+                    let (x, count) = (&x[j as usize], count as f64);
+                    for c in 0..3 {
+                        sum[c] += count * x[c];
+                    }
+                }
+                *out = sum.map(|s| s * self.scale(i));
+            }
+        });
+    }
+
+    fn entries(&self, i: usize) -> Entries<'_> {
+        Entries { bytes: &self.bytes[self.offsets[i] as usize..self.offsets[i + 1] as usize], patch: 0 }
+    }
+
+    fn scale(&self, i: usize) -> f64 {
+        let rays = if self.closed { self.valid[i] - self.escaped[i] } else { self.valid[i] };
+        1.0 / rays.max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one_row(hits: &[(u32, u32)], escaped: u32) -> FormFactors {
+        let valid = hits.iter().map(|h| h.1).sum::<u32>() + escaped;
+        let mut block = Block::default();
+        block.push(Row { patch: 1, valid, escaped, hidden: 0, end: 0 }, hits.iter().copied());
+        FormFactors::of_blocks(70_000, vec![block])
+    }
+
+    #[test]
+    fn rows_survive_coding() {
+        let hits = [(0, 1), (1, 254), (128, 255), (300, 256), (69_999, 40_000)];
+        let f = one_row(&hits, 1000);
+        let valid = 1 + 254 + 255 + 256 + 40_000 + 1000;
+        let row: Vec<_> = f.row(1).collect();
+        assert_eq!(row, hits.map(|(j, n)| (j as usize, n as f64 * (1.0 / valid as f64))));
+        assert_eq!(f.row(0).count(), 0);
+        assert_eq!(f.nonzeros(), 5);
+        assert!(!f.is_closed());
+    }
+
+    #[test]
+    fn rows_of_a_closed_scene_sum_to_one() {
+        let f = one_row(&[(3, 10), (5, 60_000)], 1);
+        assert!(f.is_closed());
+        assert!((f.row(1).map(|e| e.1).sum::<f64>() - 1.0).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,11 @@
+//! Form factors between patches, by Monte-Carlo ray casting (step 6 of the paper).
+
+mod emit;
+mod estimate;
+mod matrix;
+mod points;
+
+pub use emit::{Emitter, patch_points};
+pub use estimate::{Estimate, estimate};
+pub use matrix::{FormFactors, Row};
+pub use points::PointSets;
