@@ -17,9 +17,8 @@ pub mod report;
 pub mod sampling;
 
 pub mod light;
-pub mod scene;
-pub mod light;
 pub mod reconstruct;
+pub mod scene;
 pub mod simplify;
 pub mod solve;
 pub mod trace;

@@ -127,7 +127,7 @@ fn write(
     staged.write("lit.glb", |out| lit.write(out, scene, tone))?;
     let patches = ply::PatchFile {
         mesh: &bake.mesh,
-        patches: &bake.patches,
+        patches: bake.patches(),
         light: &bake.light,
         frame: &scene.frame,
         voxel_size,

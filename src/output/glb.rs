@@ -187,6 +187,7 @@ mod tests {
             triangles,
             source: vec![0, 1],
             patch: vec![0, 1],
+            ..Default::default()
         };
         let pi = std::f32::consts::PI;
         let light = Irradiance { direct: vec![Vec3::splat(pi); 4], indirect: vec![Vec3::X * pi; 4] };

@@ -187,6 +187,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             source: vec![0, 0],
             patch: vec![0, u32::MAX],
+            ..Default::default()
         };
         (mesh, Irradiance { direct: ramp(10.0), indirect: ramp(20.0) })
     }
@@ -258,7 +259,7 @@ mod tests {
             normal: vec![Vec3::Z],
             albedo: vec![Vec3::splat(0.5)],
             emitted: vec![Vec3::ZERO],
-            voxel: vec![[0; 3]],
+            ..Default::default()
         };
         let light = PatchLight { radiosity: vec![Vec3::splat(std::f32::consts::PI)], ..Default::default() };
         (patches, light)

@@ -7,7 +7,6 @@ use super::{Sight, camera::View, emission, hidden_backs, tonemap::ToneMap};
 use crate::{
     Scene,
     bake::{Bake, SurfacePoint},
-    options::Primary,
     progress::{Progress, Silent},
     sampling,
     scene::Camera,
@@ -90,7 +89,7 @@ pub fn render(
 ) -> Preview {
     let view = View::new(camera, &scene.frame, width as f32 / height as f32);
     let emission = (0..2 * scene.triangles.len()).map(|face| emission(scene, face / 2, face % 2 == 1)).collect();
-    let picture = Picture { scene, bake, view, width, height, emission, lamps: lamps(bake) };
+    let picture = Picture { scene, bake, view, width, height, emission };
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     progress.begin("preview", width as u64 * height as u64);
     let tiles: Vec<Vec<Pixel>> = (0..columns * rows)
@@ -121,11 +120,6 @@ pub fn render(
     preview
 }
 
-/// Whether the patches' radiosity lacks their own emission.
-fn lamps(bake: &Bake) -> bool {
-    bake.report.settings.as_ref().is_none_or(|s| s.primary == Primary::Direct)
-}
-
 struct Picture<'a> {
     scene: &'a Scene,
     bake: &'a Bake,
@@ -134,7 +128,6 @@ struct Picture<'a> {
     height: u32,
     /// By [`Hit::face`].
     emission: Vec<Vec3>,
-    lamps: bool,
 }
 
 impl Picture<'_> {
@@ -172,11 +165,8 @@ impl Picture<'_> {
         let hits = Sight::new(self.bake.patch_tracer(), &hidden).visible(rays);
         for (i, hit) in hits.iter().enumerate() {
             let exitance = match hit.is_hit().then(|| self.bake.patch_of(hit)).flatten() {
-                Some(patch) if self.lamps => {
-                    self.bake.light.radiosity[patch as usize] + self.bake.patches.emitted[patch as usize]
-                }
-                Some(patch) => self.bake.light.radiosity[patch as usize],
-                None => std::f32::consts::PI * self.sky(rays.direction(i)),
+                Some(patch) => self.bake.light.radiosity[patch as usize] + self.bake.patches().emitted[patch as usize],
+                None => std::f32::consts::PI * self.bake.sky_radiance(rays.direction(i).normalize()),
             };
             pixels[i / SAMPLES].exitance += exitance;
         }
@@ -190,7 +180,7 @@ impl Picture<'_> {
         for (i, hit) in hits.iter().enumerate() {
             let pixel = &mut pixels[i / SAMPLES];
             if !hit.is_hit() {
-                let sky = self.sky(rays.direction(i));
+                let sky = self.bake.sky_radiance(rays.direction(i).normalize());
                 pixel.direct += sky;
                 pixel.shines |= sky != Vec3::ZERO;
                 continue;
@@ -233,15 +223,6 @@ impl Picture<'_> {
         let shading = self.scene.corners.normals.get(t).and_then(|n| mix(*n).try_normalize()).unwrap_or(flat);
         let side = if hit.is_back() { -1.0 } else { 1.0 };
         SurfacePoint { position: mix(self.scene.corners_of(t)), normal: side * shading }
-    }
-
-    fn sky(&self, direction: Vec3) -> Vec3 {
-        let _ = direction;
-        self.scene
-            .lights
-            .iter()
-            .map(|l| if let crate::scene::Light::Sky { radiance } = l { *radiance } else { Vec3::ZERO })
-            .sum()
     }
 }
 
