@@ -9,7 +9,7 @@ use crate::{
     sampling,
     scene::{Camera, Frame},
     simplify::SplitMesh,
-    trace::RayBatch,
+    trace::{Hit, RayBatch},
 };
 
 /// Places in the scene's bounds that are tried as the eye's.
@@ -22,11 +22,11 @@ const STRAY: usize = 3;
 const ROOM_SHARE: f32 = 0.75;
 /// Compass points that are tried, in a room and around an object.
 const COMPASS: u32 = 12;
-/// Downward pitch in a room and elevation around an object, degrees.
-const ROOM_PITCH: f32 = 8.0;
-const OBJECT_ELEVATION: f32 = 22.0;
+/// Pitches in a room and elevation around an object, degrees.
+const ROOM_PITCHES: [f32; 3] = [0.0, -10.0, -20.0];
+const OBJECT_ELEVATION: f32 = 25.0;
 /// Vertical angles of view, degrees.
-const ROOM_FOV: f64 = 60.0;
+const ROOM_FOV: f64 = 65.0;
 const OBJECT_FOV: f64 = 35.0;
 /// Rays across and down that judge a view.
 const PROBE: (u32, u32) = (12, 9);
@@ -93,8 +93,8 @@ pub fn brightness(scene: &Scene, mesh: &SplitMesh, light: &Irradiance) -> Vec<f3
     means.into_iter().map(|l| l / (l + median)).collect()
 }
 
-/// Chooses a camera: inside a room looking along its greatest depth, else three-quarter from outside with all of the
-/// scene in the picture; of the candidates the one that sees most brightness. Deterministic.
+/// Chooses a camera: inside a room, else three-quarter from outside with all of the scene in the picture; of the
+/// candidates the one that shows the largest area of lit surfaces. Deterministic.
 pub fn automatic(scene: &Scene, sight: &Sight, brightness: &[f32], up: DVec3, aspect: f32) -> Camera {
     let (low, high) = bounds(&scene.positions);
     let chooser = Chooser { scene, sight, brightness, up: up.normalize_or(DVec3::Y), aspect, low, high };
@@ -163,7 +163,8 @@ impl Chooser<'_> {
         let clearance = (0.04 * self.diagonal()).min(0.5 * roomiest);
         let places = air.iter().filter(|a| a.clearance >= clearance && a.enclosed >= ROOM_SHARE);
         places
-            .flat_map(|a| (0..COMPASS).map(|i| self.heading(i, -ROOM_PITCH)).map(|d| (a.position, d)))
+            .flat_map(|a| ROOM_PITCHES.map(|pitch| (a.position, pitch)))
+            .flat_map(|(position, pitch)| (0..COMPASS).map(move |i| (position, self.heading(i, pitch))))
             .map(|(position, direction)| Camera {
                 position: self.scene.frame.to_world(position),
                 target: self.scene.frame.to_world(position + 0.5 * self.diagonal() * direction),
@@ -219,7 +220,7 @@ impl Chooser<'_> {
         (scores[best] > 0.0).then(|| views[best])
     }
 
-    /// Mean over the picture of brightness times distance, the latter up to the scene's size.
+    /// The area of surfaces in the picture, weighted by brightness; local units.
     fn score(&self, camera: &Camera) -> f32 {
         let view = View::new(camera, &self.scene.frame, self.aspect);
         let (columns, rows) = PROBE;
@@ -227,15 +228,20 @@ impl Chooser<'_> {
         for y in 0..rows {
             for x in 0..columns {
                 let (x, y) = ((x as f32 + 0.5) / columns as f32, (y as f32 + 0.5) / rows as f32);
-                rays.push(view.origin, view.direction(x, y).normalize(), 0.0, f32::INFINITY);
+                rays.push(view.origin, view.direction(x, y), 0.0, f32::INFINITY);
             }
         }
+        let pixel = 4.0 * view.right.length() * view.up.length() / (columns * rows) as f32;
         let seen = self.sight.visible(&mut rays);
-        let worth = seen.iter().filter(|h| h.is_hit()).map(|h| {
-            let brightness = self.brightness.get(h.face as usize).copied().unwrap_or(0.0);
-            brightness * (h.t / self.diagonal()).min(1.0)
-        });
-        worth.sum::<f32>() / seen.len() as f32
+        let area = |(i, hit): (usize, &Hit)| {
+            // A pixel's area, scaled from distance 1 to the surface's and turned into its plane; what is seen at a
+            // grazing angle is not seen well.
+            let direction = rays.direction(i).normalize();
+            let slant = direction.dot(self.scene.normal(hit.triangle())).abs().max(0.25);
+            let area = pixel * hit.t * hit.t * direction.dot(view.forward) / slant;
+            area * self.brightness.get(hit.face as usize).copied().unwrap_or(0.0)
+        };
+        seen.iter().enumerate().filter(|(_, hit)| hit.is_hit()).map(area).sum()
     }
 }
 
