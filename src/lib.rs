@@ -16,6 +16,7 @@ pub mod progress;
 pub mod report;
 pub mod sampling;
 
+pub mod output;
 pub mod scene;
 pub mod simplify;
 pub mod trace;

@@ -1,0 +1,3 @@
+//! Files that a bake writes.
+
+pub mod exr;
