@@ -2,6 +2,7 @@
 
 pub mod atomic;
 pub mod camera;
+pub mod exr;
 pub mod glb;
 pub mod ply;
 pub mod png;
