@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec2, Vec3};
 
 mod builder;
+pub mod check;
 mod coincident;
 mod environment;
 mod facing;
@@ -26,6 +27,7 @@ mod weld;
 mod world_light;
 
 pub use builder::{Builder, Dropped, Mark, Opacity, RawMaterial, RawMesh};
+pub use check::{MaterialCheck, SceneCheck};
 pub use file::FileSettings;
 pub use image::OpacityMap;
 pub use light::Light;

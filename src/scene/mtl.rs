@@ -64,7 +64,8 @@ pub(crate) fn read(
         let rest = rest.trim();
         if key == "newmtl" {
             if entries.iter().any(|e| e.name == rest) {
-                problems.push(format!("line {}: material \"{rest}\" is defined again; the last one counts", number + 1));
+                problems
+                    .push(format!("line {}: material \"{rest}\" is defined again; the last one counts", number + 1));
             }
             entries.push(Entry { name: rest.to_string(), ..Entry::default() });
         } else if let Some(entry) = entries.last_mut()
@@ -139,9 +140,9 @@ impl TextureCache {
             return *known;
         }
         // An alpha channel, where there is one, is what tools that write `map_d` mean.
-        let index = self.load(folder, reference).map(|i| {
-            builder.add_opacity_map(i.alpha.unwrap_or_else(|| OpacityMap::from_grey(&i.texture)))
-        });
+        let index = self
+            .load(folder, reference)
+            .map(|i| builder.add_opacity_map(i.alpha.unwrap_or_else(|| OpacityMap::from_grey(&i.texture))));
         self.opacities.insert(reference.to_string(), index);
         index
     }

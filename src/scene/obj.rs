@@ -43,7 +43,8 @@ pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<()> {
         ));
     }
     if scan.mixed_colours {
-        builder.warn(format!("{}: only some vertices have a colour; vertices without one count as white", file.display()));
+        builder
+            .warn(format!("{}: only some vertices have a colour; vertices without one count as white", file.display()));
     }
     if !scan.short_faces.is_empty() {
         let lines: Vec<String> = scan.short_faces.iter().map(|l| format!("line {l}")).collect();

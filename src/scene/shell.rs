@@ -20,8 +20,7 @@ impl Shell {
     /// Enclosed volume; positive if the normals point outwards (divergence theorem).
     pub(crate) fn volume(&self) -> f64 {
         let centre = 0.5 * (self.low + self.high);
-        let six: f64 =
-            self.triangles.iter().map(|[a, b, c]| (*a - centre).dot((*b - centre).cross(*c - centre))).sum();
+        let six: f64 = self.triangles.iter().map(|[a, b, c]| (*a - centre).dot((*b - centre).cross(*c - centre))).sum();
         six / 6.0
     }
 

@@ -97,8 +97,7 @@ const IN_FRONT: f64 = 1e-4;
 
 /// Decides on the sides of all triangles of `scene` and turns them accordingly.
 pub(crate) fn decide(scene: &mut Scene, rule: SidesRule) {
-    let double: Vec<bool> =
-        scene.triangles.iter().map(|t| scene.materials[t.material as usize].double_sided).collect();
+    let double: Vec<bool> = scene.triangles.iter().map(|t| scene.materials[t.material as usize].double_sided).collect();
     if rule != SidesRule::Auto {
         for (t, double) in scene.triangles.iter_mut().zip(double) {
             t.two_sided = rule == SidesRule::Two;
@@ -197,9 +196,8 @@ impl<'a> Decided<'a> {
 
     /// Components that glow, the strongest triangles first.
     fn glowing(&self, scene: &Scene) -> Vec<usize> {
-        let mut glowing: Vec<(f64, usize)> = (self.glow.iter().enumerate())
-            .filter_map(|(c, t)| t.map(|t| (scene.area(t as usize), c)))
-            .collect();
+        let mut glowing: Vec<(f64, usize)> =
+            (self.glow.iter().enumerate()).filter_map(|(c, t)| t.map(|t| (scene.area(t as usize), c))).collect();
         glowing.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         glowing.truncate(MOST_LIGHTS);
         glowing.into_iter().map(|(_, c)| c).collect()
@@ -209,8 +207,7 @@ impl<'a> Decided<'a> {
         let lamps: Vec<usize> = (self.glowing(scene).into_iter())
             .filter(|&c| {
                 let material = self.glow[c].map(|t| scene.triangles[t as usize].material);
-                self.kind[c] == SideKind::Sheet
-                    && !material.is_some_and(|m| scene.materials[m as usize].double_sided)
+                self.kind[c] == SideKind::Sheet && !material.is_some_and(|m| scene.materials[m as usize].double_sided)
             })
             .collect();
         let lists: Vec<Vec<u32>> = (lamps.iter())
@@ -234,7 +231,8 @@ impl<'a> Decided<'a> {
             .filter(|l| l.gives_light())
             .filter_map(|light| match light {
                 Light::Rectangle { corner, edge_u, edge_v, .. } => Some(
-                    (*corner + 0.5 * (*edge_u + *edge_v)).as_dvec3() + IN_FRONT * edge_u.cross(*edge_v).as_dvec3().normalize_or_zero(),
+                    (*corner + 0.5 * (*edge_u + *edge_v)).as_dvec3()
+                        + IN_FRONT * edge_u.cross(*edge_v).as_dvec3().normalize_or_zero(),
                 ),
                 Light::Disc { centre, normal, .. } => Some((centre + normal * IN_FRONT as f32).as_dvec3()),
                 Light::Point { position, .. } | Light::Spot { position, .. } => Some(position.as_dvec3()),

@@ -60,9 +60,10 @@ pub(crate) fn components(positions: &[Vec3], triangles: &[Triangle]) -> Componen
         }
     }
 
-    let mut found = Components { of: vec![u32::MAX; corners.len()], turn: vec![false; corners.len()], list: Vec::new() };
-    for seed in 0..corners.len() {
-        if found.of[seed] == u32::MAX && !is_sliver(corners[seed]) {
+    let mut found =
+        Components { of: vec![u32::MAX; corners.len()], turn: vec![false; corners.len()], list: Vec::new() };
+    for (seed, c) in corners.iter().enumerate() {
+        if found.of[seed] == u32::MAX && !is_sliver(*c) {
             found.flood(seed as u32, &neighbours);
         }
     }

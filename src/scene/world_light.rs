@@ -2,10 +2,7 @@
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::{
-    Frame, Light,
-    light::Environment,
-};
+use super::{Frame, Light, light::Environment};
 
 /// A light in world coordinates and world units; see [`Light`] for what each does.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,9 +84,7 @@ impl WorldLight {
             WorldLight::Rectangle { corner, edge_u, edge_v, radiance } => place("corner", corner)
                 .or_else(|| axis("edge_u", edge_u))
                 .or_else(|| axis("edge_v", edge_v))
-                .or_else(|| {
-                    axis("edge_u x edge_v", &edge_u.normalize().cross(edge_v.normalize()))
-                })
+                .or_else(|| axis("edge_u x edge_v", &edge_u.normalize().cross(edge_v.normalize())))
                 .or_else(|| colour("radiance", radiance)),
             WorldLight::Disc { centre, normal, radius, radiance } => place("centre", centre)
                 .or_else(|| axis("normal", normal))
@@ -165,11 +160,9 @@ impl WorldLight {
                 radius: length(*radius),
                 radiance: *radiance,
             },
-            WorldLight::Point { position, intensity, range } => Light::Point {
-                position: frame.to_local(*position),
-                intensity: point(intensity),
-                range: length(*range),
-            },
+            WorldLight::Point { position, intensity, range } => {
+                Light::Point { position: frame.to_local(*position), intensity: point(intensity), range: length(*range) }
+            }
             WorldLight::Spot { position, direction, intensity, inner, outer, range } => Light::Spot {
                 position: frame.to_local(*position),
                 direction: unit(direction),
