@@ -102,6 +102,16 @@ impl Polygon {
         self.corners.map(|c| c.as_dvec3() - x.as_dvec3())
     }
 
+    /// Distance of `x` from the polygon; for a triangle that of its parallelogram.
+    fn distance(&self, x: Vec3) -> f32 {
+        let (u, v, d) = (self.corners[1] - self.corners[0], self.corners[3] - self.corners[0], x - self.corners[0]);
+        // The nearest point of an oblique parallelogram is not exactly at the clamped coordinates: near enough.
+        let (uu, uv, vv, du, dv) = (u.dot(u), u.dot(v), v.dot(v), d.dot(u), d.dot(v));
+        let det = uu * vv - uv * uv;
+        let (s, t) = ((du * vv - dv * uv) / det, (dv * uu - du * uv) / det);
+        (d - s.clamp(0.0, 1.0) * u - t.clamp(0.0, 1.0) * v).length()
+    }
+
     /// Signed distance of `x` from the polygon's plane if light leaves towards it, else 0.
     fn front_distance(&self, x: Vec3) -> f64 {
         let height = self.normal.as_dvec3().dot(x.as_dvec3() - self.corners[0].as_dvec3());
@@ -197,13 +207,13 @@ impl Lamp {
     /// Prepares aiming from `x`.
     pub fn sampler(&self, x: &SurfacePoint) -> Sampler<'_> {
         if let Shape::Polygon(p) = &self.shape {
-            let towards = p.centre - x.position;
-            let height = x.normal.dot(towards);
-            // Near, or cut by the horizon: area sampling would waste most samples on points that count little.
-            let near = towards.length_squared() < NEAR * NEAR * p.radius * p.radius;
-            if near || height < p.radius {
-                let corners = p.relative_corners(x.position);
-                let above = form::Clipped::new(&corners[..p.count], x.normal.as_dvec3());
+            let corners = p.relative_corners(x.position);
+            // Near, area sampling would waste most samples on places that count little; cut by the horizon, on
+            // places that count nothing.
+            let normal = x.normal.as_dvec3();
+            let cut = corners.iter().any(|c| normal.dot(*c) < 0.0);
+            if cut || p.distance(x.position) < NEAR * p.radius {
+                let above = form::Clipped::new(&corners[..p.count], normal);
                 if let Some(sphere) = SphericalPolygon::new(above.corners()) {
                     return Sampler::Near(p, sphere);
                 }
@@ -249,8 +259,8 @@ impl Lamp {
     }
 }
 
-/// Up to how many radii from its centre a polygon is sampled by solid angle.
-const NEAR: f32 = 4.0;
+/// Within how many radii of itself a polygon is sampled by solid angle.
+const NEAR: f32 = 0.3;
 
 impl Sampler<'_> {
     /// A point of the lamp for the square's point (u, v), as seen by `x`; none where it gives no light.
