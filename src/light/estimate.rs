@@ -167,7 +167,7 @@ impl Work<'_> {
         for (i, &value) in expected.iter().enumerate() {
             let share = if total > 0.0 { weight(i, value) / total } else { 0.0 };
             let all = self.numbers.len();
-            let n = ((share * all as f64).ceil() as usize).next_power_of_two().max(LEAST).min(all);
+            let n = ((share * all as f64).round() as usize).next_power_of_two().max(LEAST).min(all);
             let shift = sampling::hash(&[identity, i as u64]);
             match cut.get(i) {
                 Some(&branch) => match lights.tree.lamp(branch) {
@@ -213,7 +213,8 @@ impl Work<'_> {
                 }
             }
         }
-        self.scratch.close(Sum::Share(lamp.colour * unshadowed as f32));
+        // A finite light times a share of nothing must be nothing.
+        self.scratch.close(Sum::Share((lamp.colour * unshadowed as f32).min(Vec3::MAX)));
     }
 
     /// `n` rays to lamps picked from a part of the tree.
@@ -225,7 +226,7 @@ impl Work<'_> {
             let Some((lamp, probability)) = self.lights.tree.pick(branch, &Ball::point(x), pick) else { continue };
             let lamp = &self.lights.lamps[lamp as usize];
             if let Some(aim) = lamp.sampler(x).aim(x, u, v) {
-                let colour = lamp.colour * (aim.weight / (probability * n as f64)) as f32;
+                let colour = lamp.colour * (aim.weight / (probability * n as f64)).min(f32::MAX as f64) as f32;
                 self.scratch.push(x, &aim, 1.0, colour);
             }
         }
@@ -301,7 +302,8 @@ impl Work<'_> {
                 }
                 Sum::Colours => range.filter(|&k| !s.occluded[k]).map(|k| s.colours[k]).sum(),
             };
-            out[group.receiver as usize] += arrived;
+            let sum = &mut out[group.receiver as usize];
+            *sum = (*sum + arrived).min(Vec3::MAX);
         }
         let rays = s.rays.len() as u64;
         s.clear();

@@ -36,7 +36,7 @@ pub(super) struct Polygon {
     count: usize,
     normal: Vec3,
     area: f32,
-    centre: Vec3,
+    /// Of the circle about the mean of the corners that holds them.
     radius: f32,
     both_sides: bool,
 }
@@ -92,7 +92,6 @@ impl Polygon {
             count,
             normal: cross.normalize().as_vec3(),
             area: area as f32,
-            centre: centre.as_vec3(),
             radius: radius as f32,
             both_sides,
         })
