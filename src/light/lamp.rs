@@ -179,7 +179,14 @@ impl Lamp {
                     return 0.0;
                 }
                 let corners = p.relative_corners(x.position);
-                form::polygon(&corners[..p.count], normal)
+                let corners = &corners[..p.count];
+                let centre = corners.iter().sum::<DVec3>() / p.count as f64;
+                let reach = form::FAR * p.radius as f64;
+                if centre.length_squared() > reach * reach && corners.iter().all(|&c| normal.dot(c) > 0.0) {
+                    form::far_polygon(corners, normal)
+                } else {
+                    form::polygon(corners, normal)
+                }
             }
             Shape::Disc { centre, normal: axis, radius } => {
                 let centre = centre.as_dvec3() - x.position.as_dvec3();
