@@ -1,3 +1,104 @@
 //! Finds the native libraries and compiles `ffi/`; decides nothing else.
 
-fn main() {}
+use std::path::{Path, PathBuf};
+use std::process::exit;
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rerun-if-changed=ffi");
+    if feature("embree") {
+        embree();
+    }
+    #[cfg(feature = "regenerate-bindings")]
+    {
+        bind("embree", "Luxel(Embree|Rays|Hit).*", "luxel_embree_.*");
+    }
+}
+
+fn feature(name: &str) -> bool {
+    std::env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase())).is_some()
+}
+
+/// Embree 4, else Embree 3. Debian ships no `.pc` file for either, so the default folders are searched too.
+fn embree() {
+    let mut folders = Vec::new();
+    let found = ["4", "3"].into_iter().find(|version| {
+        let package = format!("embree{version}");
+        let probed = pkg_config::Config::new().cargo_metadata(false).probe(&package);
+        if let Ok(library) = probed {
+            folders = library.include_paths;
+            print_search_paths(&library.link_paths);
+            return true;
+        }
+        default_include(&format!("embree{version}/rtcore.h")) && default_library(&format!("libembree{version}.so"))
+    });
+    let Some(version) = found else {
+        missing("Embree 3 or 4", "libembree-dev", "embree", "openexr");
+    };
+    // The shim prefers the newer header by itself; the macro keeps header and library of one version.
+    compile("embree", &folders, &[("LUXEL_EMBREE_VERSION", version)]);
+    println!("cargo::rustc-link-lib=dylib=embree{version}");
+}
+
+/// Compiled for the baseline processor, so that the binary runs anywhere (Embree picks its kernels at run time), and
+/// without contraction to fused multiply-add, so that it computes the same bits everywhere.
+fn compile(name: &str, include: &[PathBuf], defines: &[(&str, &str)]) {
+    let mut build = cc::Build::new();
+    build.file(format!("ffi/{name}_shim.c")).includes(include).std("c11");
+    build.opt_level(3).flag("-ffp-contract=off").warnings(true).extra_warnings(true);
+    for (key, value) in defines {
+        build.define(key, *value);
+    }
+    build.compile(&format!("luxel_{name}_shim"));
+}
+
+fn print_search_paths(paths: &[PathBuf]) {
+    for path in paths {
+        println!("cargo::rustc-link-search=native={}", path.display());
+    }
+}
+
+fn default_include(header: &str) -> bool {
+    ["/usr/include", "/usr/local/include"].iter().any(|folder| Path::new(folder).join(header).exists())
+}
+
+/// Whether the linker finds `file` where Debian (or a local installation) puts it.
+fn default_library(file: &str) -> bool {
+    let arch = std::env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default();
+    let multiarch = format!("/usr/lib/{arch}-linux-gnu");
+    let folders = [multiarch.as_str(), "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/local/lib64"];
+    let folder = folders.iter().find(|folder| Path::new(folder).join(file).exists());
+    if let Some(folder) = folder {
+        println!("cargo::rustc-link-search=native={folder}");
+    }
+    folder.is_some()
+}
+
+/// Stops the build with one message that says what to do.
+fn missing(library: &str, package: &str, feature: &str, other: &str) -> ! {
+    println!(
+        "cargo::error={library} was not found: install it (Debian: apt install {package}), or build without it \
+         (cargo build --no-default-features --features {other}; without either native library: --no-default-features)"
+    );
+    eprintln!("luxel: feature `{feature}` needs {library}");
+    exit(1);
+}
+
+/// Rewrites `ffi/NAME_bindings.rs` from `ffi/NAME_shim.h`.
+#[cfg(feature = "regenerate-bindings")]
+fn bind(name: &str, types: &str, functions: &str) {
+    let header = format!("ffi/{name}_shim.h");
+    let written = bindgen::Builder::default()
+        .header(&header)
+        .allowlist_type(types)
+        .allowlist_function(functions)
+        .generate_comments(false)
+        .rust_edition(bindgen::RustEdition::Edition2024)
+        .generate()
+        .map_err(|e| e.to_string())
+        .and_then(|bindings| bindings.write_to_file(format!("ffi/{name}_bindings.rs")).map_err(|e| e.to_string()));
+    if let Err(error) = written {
+        println!("cargo::error={header}: {error}");
+        exit(1);
+    }
+}

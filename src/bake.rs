@@ -317,8 +317,7 @@ fn vertex_mesh(
     let lit = |f: usize, side: usize| {
         let t = fragments.triangle[f] as usize;
         let normal = if side == 1 { -scene.normal(t) } else { scene.normal(t) };
-        let middle =
-            simplify::clip::point_at(&scene.corners_of(t), simplify::clip::uv_centroid(fragments.uv(f)));
+        let middle = simplify::clip::point_at(&scene.corners_of(t), simplify::clip::uv_centroid(fragments.uv(f)));
         let mut found = false;
         index.near(middle, 1.0, |j| {
             let ahead = (simplified.patches.centroid[j] - middle).dot(normal) > -0.01 * h;

@@ -30,6 +30,8 @@ impl Builder {
             lights: vec![],
             camera: None,
             warnings: vec![],
+            sides: vec![],
+            dropped: Default::default(),
         })
     }
 
@@ -42,7 +44,7 @@ impl Builder {
         let first = self.0.positions.len() as u32;
         self.0.positions.extend(corners);
         let vertices = [first, first + 1, first + 2];
-        self.0.triangles.push(Triangle { vertices, material, mesh: 0, two_sided: false });
+        self.0.triangles.push(Triangle { vertices, material, mesh: 0, two_sided: false, emits_back: false });
     }
 
     /// The front of corner, corner + u, corner + u + v, corner + v is on the side of u x v.

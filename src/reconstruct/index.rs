@@ -38,12 +38,8 @@ impl PatchIndex {
                 let (begin, end) = (self.columns[column] as usize, self.columns[column + 1] as usize);
                 let z = &self.z[begin..end];
                 let first = z.partition_point(|&z| (z as u32) < low[2]);
-                for k in first..z.len() {
-                    if z[k] as u32 > high[2] {
-                        break;
-                    }
-                    visit(begin + k);
-                }
+                let last = z.partition_point(|&z| (z as u32) <= high[2]);
+                (begin + first..begin + last).for_each(&mut visit);
             }
         }
     }

@@ -1,14 +1,16 @@
 //! From raw meshes in world coordinates to a [`Scene`] that is safe to compute with.
 
+use std::collections::HashMap;
+
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use serde::Serialize;
 
 use super::{
     Camera, Corners, Frame, Material, Scene, Texture, Triangle, WorldLight,
+    coincident,
     image::OpacityMap,
     material::ALBEDO_MAX,
     sides::{self, SidesRule},
-    weld,
 };
 use crate::{Error, Result};
 
@@ -74,6 +76,20 @@ pub struct RawMaterial {
     pub opacity: Opacity,
 }
 
+impl RawMaterial {
+    /// Replaces colour and texture of the albedo.
+    pub fn set_albedo(&mut self, albedo: Vec3) {
+        self.surface.albedo = albedo;
+        self.surface.albedo_texture = None;
+    }
+
+    /// Replaces colour and texture of the emission, W/m2/sr.
+    pub fn set_emission(&mut self, radiance: Vec3) {
+        self.surface.emission = radiance;
+        self.surface.emission_texture = None;
+    }
+}
+
 /// What did not enter the scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Dropped {
@@ -128,7 +144,7 @@ pub struct Builder {
 pub struct Mark {
     meshes: usize,
     lights: usize,
-    materials: usize,
+    has_camera: bool,
 }
 
 impl Builder {
@@ -170,6 +186,11 @@ impl Builder {
         self.camera = Some(camera);
     }
 
+    /// Sets the camera if there is none yet.
+    pub fn suggest_camera(&mut self, camera: Camera) {
+        self.camera.get_or_insert(camera);
+    }
+
     /// Adds something the reader should know.
     pub fn warn(&mut self, warning: String) {
         self.warnings.push(warning);
@@ -187,7 +208,7 @@ impl Builder {
 
     /// How much there is now.
     pub fn mark(&self) -> Mark {
-        Mark { meshes: self.meshes.len(), lights: self.lights.len(), materials: self.materials.len() }
+        Mark { meshes: self.meshes.len(), lights: self.lights.len(), has_camera: self.camera.is_some() }
     }
 
     /// Moves everything added since `mark`; a mirroring transform turns the triangles around, so that fronts stay fronts.
@@ -198,6 +219,11 @@ impl Builder {
         for light in &mut self.lights[mark.lights..] {
             light.transform(transform);
         }
+        if let (Some(camera), false) = (&mut self.camera, mark.has_camera) {
+            camera.position = transform.transform_point3(camera.position);
+            camera.target = transform.transform_point3(camera.target);
+            camera.up = transform.transform_vector3(camera.up);
+        }
     }
 
     /// Gives all meshes added since `mark` the material `material`.
@@ -205,11 +231,6 @@ impl Builder {
         for mesh in &mut self.meshes[mark.meshes..] {
             mesh.material = material;
         }
-    }
-
-    /// The materials added since `mark`.
-    pub fn materials_since_mut(&mut self, mark: Mark) -> &mut [RawMaterial] {
-        &mut self.materials[mark.materials..]
     }
 
     /// Cleans everything and decides on the sides of all surfaces.
@@ -222,8 +243,12 @@ impl Builder {
         let total: usize = self.meshes.iter().map(|m| m.triangles.len()).sum();
         let mut dropped = Dropped { short_faces: self.short_faces, ..Dropped::default() };
         self.clean_materials();
+        self.split_untextured();
         let kept = self.opaque_and_finite(&mut dropped);
-        let frame = self.frame(&kept).ok_or_else(|| self.no_geometry(total, &dropped))?;
+        let Some(frame) = self.frame(&kept) else {
+            dropped.zero_area = kept.len();
+            return Err(self.no_geometry(total, &dropped));
+        };
         let mut scene = self.assemble(kept, frame, &mut dropped);
         if scene.triangles.is_empty() {
             return Err(self.no_geometry(total, &dropped));
@@ -279,28 +304,28 @@ impl Builder {
         add(dropped.not_finite, "not finite");
         add(dropped.zero_area, "without area");
         add(transparent, "transparent");
-        Error::Scene(format!(
-            "scene \"{}\" has no geometry: no opaque triangle with an area ({})",
-            self.name,
-            why.join(", ")
-        ))
+        Error::Scene(format!("scene \"{}\" has no geometry: no opaque triangle with an area ({})", self.name, why.join(", ")))
     }
 
     fn clean_materials(&mut self) {
         let (mut bright, mut negative, mut emission) = (Vec::new(), Vec::new(), Vec::new());
-        for RawMaterial { surface, opacity } in &mut self.materials {
+        let mut used = vec![false; self.materials.len()];
+        for mesh in self.meshes.iter().filter(|m| !m.triangles.is_empty()) {
+            used[mesh.material as usize] = true;
+        }
+        for (RawMaterial { surface, opacity }, _) in self.materials.iter_mut().zip(used).filter(|(_, used)| *used) {
             let name = || format!("\"{}\"", surface.name);
             if !surface.albedo.is_finite() || surface.albedo.min_element() < 0.0 {
-                negative.push(format!("{} ({})", name(), surface.albedo));
+                negative.push(format!("{} ({})", name(), rgb(surface.albedo)));
                 surface.albedo = finite(surface.albedo);
             }
             if surface.albedo.max_element() > ALBEDO_MAX {
-                bright.push(format!("{} ({})", name(), surface.albedo));
+                bright.push(format!("{} ({})", name(), rgb(surface.albedo)));
                 surface.albedo = surface.albedo.min(Vec3::splat(ALBEDO_MAX));
             }
             let clean = finite(surface.emission).min(Vec3::splat(EMISSION_MAX));
             if clean != surface.emission {
-                emission.push(format!("{} ({})", name(), surface.emission));
+                emission.push(format!("{} ({})", name(), rgb(surface.emission)));
                 surface.emission = clean;
             }
             if !opacity.factor.is_finite() {
@@ -318,6 +343,30 @@ impl Builder {
                 "emission that is negative or not finite becomes 0, and at most {EMISSION_MAX:e} W/m2/sr counts, materials {}",
                 list(&emission, 8)
             ));
+        }
+    }
+
+    /// Gives meshes without texture coordinates a copy of their material without textures.
+    fn split_untextured(&mut self) {
+        let mut copies: HashMap<u32, u32> = HashMap::new();
+        let mut names = Vec::new();
+        for mesh in self.meshes.iter_mut().filter(|m| m.uvs.is_empty() && !m.triangles.is_empty()) {
+            let material = &self.materials[mesh.material as usize];
+            let Material { albedo_texture, emission_texture, .. } = material.surface;
+            if albedo_texture.or(emission_texture).is_none() {
+                continue;
+            }
+            let mut copy = material.clone();
+            mesh.material = *copies.entry(mesh.material).or_insert_with(|| {
+                names.push(format!("\"{}\" in mesh \"{}\"", copy.surface.name, mesh.name));
+                copy.surface.albedo_texture = None;
+                copy.surface.emission_texture = None;
+                self.materials.push(copy);
+                self.materials.len() as u32 - 1
+            });
+        }
+        if !names.is_empty() {
+            self.warn(format!("no texture coordinates, factors count alone, materials {}", list(&names, 5)));
         }
     }
 
@@ -471,8 +520,6 @@ impl Builder {
         }
     }
 
-    /// Of triangles with the same three corners the first one stays, so that no surface counts twice. An emitting one
-    /// replaces a dark one of the same winding: a lamp drawn onto a ceiling shall not be lost.
     fn drop_duplicates(
         &mut self,
         positions: &[Vec3],
@@ -480,27 +527,8 @@ impl Builder {
         sources: &mut Vec<(u32, u32)>,
         dropped: &mut Dropped,
     ) {
-        let welded = weld::exact(positions);
-        let sorted = |t: &Triangle| {
-            let mut key = t.vertices.map(|v| welded[v as usize]);
-            key.sort_unstable();
-            key
-        };
-        let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-        let keys: Vec<[u32; 3]> = triangles.iter().map(sorted).collect();
-        order.sort_unstable_by_key(|&t| (keys[t as usize], t));
-        let mut drop = vec![false; triangles.len()];
-        let mut opposite = 0;
-        for group in order.chunk_by(|&a, &b| keys[a as usize] == keys[b as usize]).filter(|g| g.len() > 1) {
-            let even = |t: u32| weld::is_even(triangles[t as usize].vertices.map(|v| welded[v as usize]));
-            let emits = |t: u32| self.materials[triangles[t as usize].material as usize].surface.emission != Vec3::ZERO;
-            let first = group[0];
-            let keep = *group.iter().find(|&&t| emits(t) && even(t) == even(first)).unwrap_or(&first);
-            opposite += group.iter().filter(|&&t| even(t) != even(keep)).count();
-            for &t in group.iter().filter(|&&t| t != keep) {
-                drop[t as usize] = true;
-            }
-        }
+        let emits = |t: &Triangle| self.materials[t.material as usize].surface.emission != Vec3::ZERO;
+        let (drop, opposite) = coincident::find(positions, triangles, emits);
         dropped.duplicate = drop.iter().filter(|d| **d).count();
         if dropped.duplicate == 0 {
             return;
@@ -609,6 +637,10 @@ fn height([a, b, c]: [DVec3; 3]) -> f64 {
 
 fn finite(v: Vec3) -> Vec3 {
     Vec3::from_array(v.to_array().map(|x| if x.is_finite() && x > 0.0 { x } else { 0.0 }))
+}
+
+fn rgb(c: Vec3) -> String {
+    format!("{:?} {:?} {:?}", c.x, c.y, c.z)
 }
 
 /// The first `most` of `items`, and how many more there are.

@@ -1,10 +1,14 @@
 //! Opens a scene by its file's kind and applies what the command line adds.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
-use super::{Builder, Scene, SidesRule, WorldLight, obj};
+use super::{
+    Builder, Scene, SidesRule, WorldLight, environment,
+    file::{self, FileSettings},
+    gltf, obj,
+};
 use crate::{Error, Result};
 
 /// What is added to, or changed in, a scene after its file is read.
@@ -16,6 +20,8 @@ pub struct SceneOverrides {
     pub suns: Vec<(DVec3, Vec3)>,
     /// World positions and radiant intensities, W/sr.
     pub points: Vec<(DVec3, Vec3)>,
+    /// Lat-long EXR image of the surroundings; up is +y.
+    pub environment: Option<PathBuf>,
     /// Names of materials and the radiance they emit, W/m2/sr.
     pub emit: Vec<(String, Vec3)>,
     /// Names of materials and their albedo.
@@ -24,16 +30,39 @@ pub struct SceneOverrides {
     pub sides: Option<SidesRule>,
 }
 
-/// Loads an OBJ file.
+/// Loads a scene: an OBJ, glTF or GLB file, or a scene file `NAME.toml`; and the bake settings that a scene file gives.
 ///
 /// # Errors
-/// The file cannot be read or is wrong, no geometry is left, or an override names a material that is not there.
-pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<Scene> {
-    let name = path.file_stem().unwrap_or_default().to_string_lossy();
-    let mut builder = Builder::new(name);
-    obj::read(path, &mut builder)?;
+/// The file cannot be read or is wrong, no geometry is left, or an override names a material that is not there. A
+/// scene without light loads: see [`Scene::has_light`].
+pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<(Scene, FileSettings)> {
+    let mut builder = Builder::new(path.file_stem().unwrap_or_default().to_string_lossy());
+    let settings = if extension(path) == "toml" {
+        file::read(path, &mut builder)?
+    } else {
+        read_mesh(path, &mut builder)?;
+        FileSettings::default()
+    };
     overrides.apply(&mut builder)?;
-    builder.build(overrides.sides.unwrap_or_default())
+    let rule = overrides.sides.or(settings.sides).unwrap_or_default();
+    Ok((builder.build(rule)?, settings))
+}
+
+/// Reads an OBJ, glTF or GLB file into `builder`.
+pub(crate) fn read_mesh(path: &Path, builder: &mut Builder) -> Result<()> {
+    match extension(path).as_str() {
+        "obj" => obj::read(path, builder),
+        "gltf" | "glb" => gltf::read(path, builder),
+        other => Err(Error::input(
+            path,
+            "",
+            format!("\".{other}\" is no kind of scene; known are .obj, .gltf, .glb and scene files .toml"),
+        )),
+    }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
 impl SceneOverrides {
@@ -51,11 +80,14 @@ impl SceneOverrides {
             }
             builder.add_light(light);
         }
+        if let Some(path) = &self.environment {
+            builder.add_light(WorldLight::Environment(environment::read(path, Vec3::Y)?));
+        }
         for (name, albedo) in &self.albedo {
-            change(builder, name, |m| m.surface.albedo = *albedo)?;
+            change(builder, name, |m| m.set_albedo(*albedo))?;
         }
         for (name, radiance) in &self.emit {
-            change(builder, name, |m| m.surface.emission = *radiance)?;
+            change(builder, name, |m| m.set_emission(*radiance))?;
         }
         Ok(())
     }

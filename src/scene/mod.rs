@@ -3,6 +3,12 @@
 use glam::{DVec3, Vec2, Vec3};
 
 mod builder;
+mod coincident;
+mod environment;
+mod file;
+mod gltf;
+mod gltf_data;
+mod gltf_material;
 mod image;
 pub mod light;
 mod load;
@@ -17,6 +23,7 @@ mod weld;
 mod world_light;
 
 pub use builder::{Builder, Dropped, Mark, Opacity, RawMaterial, RawMesh};
+pub use file::FileSettings;
 pub use image::OpacityMap;
 pub use light::Light;
 pub use load::{SceneOverrides, load};

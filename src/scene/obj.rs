@@ -57,10 +57,21 @@ pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<()> {
         builder.count_short_faces(lines.len());
     }
     // The scan writes an `o` before every run and no run is empty, so that models and runs are the same list.
-    debug_assert_eq!(models.len(), scan.runs.len());
+    if !scan.runs.is_empty() && models.len() != scan.runs.len() {
+        return Err(Error::input(file, "", format!("{} groups of faces became {}", scan.runs.len(), models.len())));
+    }
+    let mut repeated = Vec::new();
     for (model, run) in models.into_iter().zip(&scan.runs) {
         let material = materials[run.material.as_deref().unwrap_or("")];
-        builder.add_mesh(to_mesh(model.mesh, run, material));
+        builder.add_mesh(to_mesh(model.mesh, run, material, &mut repeated));
+    }
+    if !repeated.is_empty() {
+        builder.warn(format!(
+            "{}: {} polygons visit a corner more than once, it counts once: {}",
+            file.display(),
+            repeated.len(),
+            list(&repeated, 3)
+        ));
     }
     Ok(())
 }
@@ -118,7 +129,7 @@ fn undefined_materials(runs: &[Run], builder: &mut Builder, materials: &mut Hash
     undefined
 }
 
-fn to_mesh(mesh: tobj::Mesh, run: &Run, material: u32) -> RawMesh {
+fn to_mesh(mesh: tobj::Mesh, run: &Run, material: u32, repeated: &mut Vec<String>) -> RawMesh {
     let vec3 = |a: &[f64]| Vec3::new(a[0] as f32, a[1] as f32, a[2] as f32);
     let positions: Vec<DVec3> = mesh.positions.chunks_exact(3).map(DVec3::from_slice).collect();
     let (mut triangles, mut places) = (Vec::new(), Vec::new());
@@ -129,12 +140,15 @@ fn to_mesh(mesh: tobj::Mesh, run: &Run, material: u32) -> RawMesh {
         rest = tail;
         let points: Vec<DVec3> = corners.iter().map(|&i| positions[i as usize]).collect();
         let before = triangles.len();
-        if arity == 3 {
-            triangles.push([corners[0], corners[1], corners[2]]);
-        } else if points.iter().all(|p| p.is_finite()) {
-            triangles.extend(polygon::triangulate(&points).into_iter().map(|t| t.map(|i| corners[i as usize])));
-        } else {
-            // A fan, so that what is not finite is counted and dropped with all else.
+        if arity > 3 && points.iter().all(|p| p.is_finite()) {
+            let cut = polygon::triangulate(&points);
+            if !cut.is_empty() && cut.len() + 2 < arity {
+                repeated.push(format!("line {line}"));
+            }
+            triangles.extend(cut.into_iter().map(|t| t.map(|i| corners[i as usize])));
+        }
+        if triangles.len() == before {
+            // What is not finite or has no area becomes a fan: it is counted and dropped with all else.
             triangles.extend((1..arity - 1).map(|i| [corners[0], corners[i], corners[i + 1]]));
         }
         places.resize(places.len() + triangles.len() - before, line);

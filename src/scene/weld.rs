@@ -29,9 +29,3 @@ fn by_key(positions: &[Vec3], key: impl Fn(Vec3) -> [i32; 3]) -> Vec<u32> {
     }
     place
 }
-
-/// Whether `corners` is an even permutation of its sorted self: two triangles of the same corners have the same
-/// winding if this is the same for both.
-pub(crate) fn is_even([a, b, c]: [u32; 3]) -> bool {
-    [a > b, b > c, a > c].iter().filter(|x| **x).count() % 2 == 0
-}

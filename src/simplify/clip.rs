@@ -71,6 +71,27 @@ pub fn point_at(corners: &[Vec3; 3], uv: Vec2) -> Vec3 {
     corners[0] + (corners[1] - corners[0]) * uv.x + (corners[2] - corners[0]) * uv.y
 }
 
+/// Barycentric weights of the foot of `p` on the plane of the triangle.
+pub fn uv_of(corners: &[Vec3; 3], p: Vec3) -> Vec2 {
+    let [a, b, c] = corners.map(Vec3::as_dvec3);
+    let (e1, e2, d) = (b - a, c - a, p.as_dvec3() - a);
+    let n = e1.cross(e2);
+    DVec2::new(d.cross(e2).dot(n), e1.cross(d).dot(n)).as_vec2() / n.length_squared() as f32
+}
+
+/// Smallest signed distance of `p` to the lines of the polygon's edges, positive inside.
+pub fn depth_inside(polygon: &[Vec2], p: Vec2) -> f32 {
+    let mut depth = f32::INFINITY;
+    for (i, &a) in polygon.iter().enumerate() {
+        let edge = polygon[(i + 1) % polygon.len()] - a;
+        let length = edge.length();
+        if length > 0.0 {
+            depth = depth.min(edge.perp_dot(p - a) / length);
+        }
+    }
+    depth
+}
+
 /// Signed area of a polygon in the plane of barycentric weights.
 pub fn uv_area(uv: &[Vec2]) -> f64 {
     let origin = uv[0].as_dvec2();
@@ -88,11 +109,7 @@ pub fn uv_centroid(uv: &[Vec2]) -> Vec2 {
         area += c;
         sum += (a + b) * c / 3.0;
     }
-    if area.abs() > 0.0 {
-        (origin + sum / area).as_vec2()
-    } else {
-        uv.iter().sum::<Vec2>() / uv.len() as f32
-    }
+    if area.abs() > 0.0 { (origin + sum / area).as_vec2() } else { uv.iter().sum::<Vec2>() / uv.len() as f32 }
 }
 
 /// Splits every triangle by the planes of the grid. The areas of the fragments sum to those of the triangles up to
@@ -220,4 +237,23 @@ fn cut(polygon: &[Corner], axis: usize, plane: f64) -> (Vec<Corner>, Vec<Corner>
         }
     }
     (below, above)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_is_positive_inside_and_negative_outside() {
+        let square = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+        assert_eq!(depth_inside(&square, Vec2::new(0.25, 0.5)), 0.25);
+        assert_eq!(depth_inside(&square, Vec2::new(1.5, 0.5)), -0.5);
+    }
+
+    #[test]
+    fn barycentric_weights_round_trip() {
+        let corners = [Vec3::new(0.1, 0.2, 0.3), Vec3::new(0.4, -0.2, 0.1), Vec3::new(-0.3, 0.1, 0.2)];
+        let uv = Vec2::new(0.3, 0.2);
+        assert!((uv_of(&corners, point_at(&corners, uv)) - uv).length() < 1e-6);
+    }
 }

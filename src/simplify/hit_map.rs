@@ -3,7 +3,11 @@
 use glam::Vec2;
 use rayon::prelude::*;
 
-use super::{Fragments, Grid, corners, normal_of};
+use super::{
+    Fragments, Grid,
+    clip::{depth_inside, uv_centroid},
+    corners, normal_of,
+};
 use crate::trace::{Geometry, Hit};
 
 /// A table of cells for each triangle, along the grid's lines on its dominant plane: nearly every cell holds one
@@ -50,11 +54,8 @@ impl HitMap {
                 chunk
             })
             .collect();
-        let mut map = HitMap {
-            triangles: Vec::with_capacity(geometry.triangles.len()),
-            cells: Vec::new(),
-            lists: Vec::new(),
-        };
+        let mut map =
+            HitMap { triangles: Vec::with_capacity(geometry.triangles.len()), cells: Vec::new(), lists: Vec::new() };
         for chunk in chunks {
             let (cells, lists) = (map.cells.len() as u32, map.lists.len() as u32);
             map.triangles.extend(chunk.triangles.iter().map(|c| Cells { first: c.first + cells, ..*c }));
@@ -91,19 +92,6 @@ impl HitMap {
     }
 }
 
-/// Smallest signed distance of `p` to the lines of the polygon's edges, positive inside.
-fn depth_inside(polygon: &[Vec2], p: Vec2) -> f32 {
-    let mut depth = f32::INFINITY;
-    for (i, &a) in polygon.iter().enumerate() {
-        let edge = polygon[(i + 1) % polygon.len()] - a;
-        let length = edge.length();
-        if length > 0.0 {
-            depth = depth.min(edge.perp_dot(p - a) / length);
-        }
-    }
-    depth
-}
-
 #[derive(Default)]
 struct Chunk {
     triangles: Vec<Cells>,
@@ -122,7 +110,13 @@ impl Chunk {
         // Project on the plane of the dominant axis, in voxels.
         let corners = corners(geometry, t);
         let n = normal_of(&corners).abs();
-        let (x, y) = if n.x >= n.y && n.x >= n.z { (1, 2) } else if n.y >= n.z { (2, 0) } else { (0, 1) };
+        let (x, y) = if n.x >= n.y && n.x >= n.z {
+            (1, 2)
+        } else if n.y >= n.z {
+            (2, 0)
+        } else {
+            (0, 1)
+        };
         let flat = corners.map(|p| {
             let p = (p.as_dvec3() - grid.origin) / grid.voxel_size;
             glam::DVec2::new(p[x], p[y])
@@ -144,7 +138,7 @@ impl Chunk {
         };
         let mut by_cell: Vec<(usize, u32)> = own
             .map(|f| {
-                let (cx, cy) = cell_of(super::clip::uv_centroid(fragments.uv(f as usize)));
+                let (cx, cy) = cell_of(uv_centroid(fragments.uv(f as usize)));
                 (cy * width + cx, f)
             })
             .collect();
@@ -202,12 +196,5 @@ mod tests {
         let mut cells = [u32::MAX, 7, u32::MAX, u32::MAX, u32::MAX, u32::MAX];
         fill_empty(&mut cells, 3);
         assert_eq!(cells, [7; 6]);
-    }
-
-    #[test]
-    fn depth_is_positive_inside_and_negative_outside() {
-        let square = [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
-        assert_eq!(depth_inside(&square, Vec2::new(0.25, 0.5)), 0.25);
-        assert_eq!(depth_inside(&square, Vec2::new(1.5, 0.5)), -0.5);
     }
 }

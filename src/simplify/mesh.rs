@@ -89,10 +89,7 @@ pub fn split_mesh(
     }
     mesh.albedo = sums.iter().map(|s| s.1 / s.2).collect();
     mesh.samples = (0..vertices)
-        .map(|v| SurfacePoint {
-            position: mesh.positions[v] + sums[v].0 / sums[v].2,
-            normal: mesh.normals[v],
-        })
+        .map(|v| SurfacePoint { position: mesh.positions[v] + sums[v].0 / sums[v].2, normal: mesh.normals[v] })
         .collect();
     let mut first = 0;
     for &(f, side) in &sides {
@@ -158,8 +155,9 @@ fn weld(corners: &[Corner]) -> (Vec<u32>, usize) {
             };
             // Equal positions may lie in neighbouring cells only within WELD of their border.
             let (low, high) = (cell(corner.position - WELD), cell(corner.position + WELD));
-            let near = (low.x..=high.x)
-                .flat_map(|x| (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| glam::IVec3::new(x, y, z))));
+            let near = (low.x..=high.x).flat_map(|x| {
+                (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| glam::IVec3::new(x, y, z)))
+            });
             if let Some(r) = near.filter_map(|c| cells.get(&c)).flatten().copied().find(equal) {
                 return r;
             }

@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 
 use super::{
     Fragments,
-    clip::{point_at, uv_area, uv_centroid},
+    clip::{depth_inside, point_at, uv_area, uv_centroid, uv_of},
     corners,
     surfels::UNLIKE,
 };
@@ -52,12 +52,15 @@ pub(super) fn separate(
     let normal = |m: u32| normals[fragments.triangle[(m >> 1) as usize] as usize];
     let first = normal(clusters[0][0]);
     if clusters.iter().flatten().any(|&m| normal(m).dot(first).abs() < UNLIKE) {
+        let all: Vec<u32> = clusters.concat();
         for cluster in &clusters {
-            let planes = view.blockers(cluster);
-            if planes.is_empty() {
-                continue;
-            }
-            for f in cluster.iter().map(|m| m >> 1) {
+            let blockers = view.blockers(cluster);
+            for &m in cluster {
+                let f = m >> 1;
+                let planes = view.contacts(m, &all, &blockers);
+                if planes.is_empty() {
+                    continue;
+                }
                 let whole = || vec![fragments.uv(f as usize).to_vec()];
                 let at = cuts.iter().position(|c| c.0 == f).unwrap_or_else(|| {
                     cuts.push((f, whole()));
@@ -149,6 +152,37 @@ impl View<'_> {
             }
         });
         found
+    }
+
+    /// `blockers`, and the triangles that stand on the side `member`: whose fragments in this voxel meet it.
+    fn contacts(&self, member: u32, all: &[u32], blockers: &[u32]) -> Vec<u32> {
+        let mut planes = blockers.to_vec();
+        let f = (member >> 1) as usize;
+        let (own, normal) = (corners(self.geometry, self.fragments.triangle[f] as usize), self.normal(member));
+        for &other in all.iter().filter(|&&m| self.normal(m).dot(normal).abs() < UNLIKE) {
+            let t = self.fragments.triangle[(other >> 1) as usize];
+            if planes.len() == MOST_PLANES || planes.iter().any(|&p| self.same_plane(p, t)) {
+                continue;
+            }
+            // Where the other fragment passes through a plane slightly above the side.
+            let theirs = corners(self.geometry, t as usize);
+            let height = |p: Vec3| (p - own[0]).dot(normal) - 0.5 * self.lift;
+            let points: Vec<Vec3> =
+                self.fragments.uv((other >> 1) as usize).iter().map(|&p| point_at(&theirs, p)).collect();
+            let crossings: Vec<Vec3> = (0..points.len())
+                .map(|i| (points[i], points[(i + 1) % points.len()]))
+                .filter(|&(a, b)| height(a) * height(b) < 0.0)
+                .map(|(a, b)| a.lerp(b, height(a) / (height(a) - height(b))))
+                .collect();
+            if let [a, b, ..] = crossings[..] {
+                let uv = self.fragments.uv(f);
+                let edge = 1e-3 * uv_area(uv).max(0.0).sqrt() as f32;
+                if [0.25, 0.5, 0.75].iter().any(|&s| depth_inside(uv, uv_of(&own, a.lerp(b, s))) > edge) {
+                    planes.push(t);
+                }
+            }
+        }
+        planes
     }
 
     fn same_plane(&self, a: u32, b: u32) -> bool {

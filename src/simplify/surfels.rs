@@ -4,8 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    Fragments, Grid, HitMap, Patches, Simplified, clip, corners, normal_of, patches::mean_colour,
-    straddle::separate,
+    Fragments, Grid, HitMap, Patches, Simplified, clip, corners, normal_of, patches::mean_colour, straddle::separate,
 };
 use crate::{Scene, trace::RayTracer};
 
@@ -92,6 +91,12 @@ fn cluster(members: &[u32], normal: impl Fn(u32) -> Vec3) -> Vec<Vec<u32>> {
 /// Which of the six signed axes `n` points along most; ties go to the first.
 fn dominant_axis(n: Vec3) -> u32 {
     let a = n.abs();
-    let k = if a.x >= a.y && a.x >= a.z { 0 } else if a.y >= a.z { 1 } else { 2 };
+    let k = if a.x >= a.y && a.x >= a.z {
+        0
+    } else if a.y >= a.z {
+        1
+    } else {
+        2
+    };
     2 * k as u32 + (n[k] < 0.0) as u32
 }

@@ -103,7 +103,11 @@ impl System<'_> {
             update(x, |i, x| std::array::from_fn(|c| x[c] + alpha[c] * p[i][c] + omega[c] * r[i][c]));
             update(&mut r, |i, s| std::array::from_fn(|c| s[c] - omega[c] * t[i][c]));
             let next = dot(&shadow, &r);
-            let beta = quotient(std::array::from_fn(|c| next[c] * alpha[c]), std::array::from_fn(|c| rho[c] * omega[c]), &mut active);
+            let beta = quotient(
+                std::array::from_fn(|c| next[c] * alpha[c]),
+                std::array::from_fn(|c| rho[c] * omega[c]),
+                &mut active,
+            );
             update(&mut p, |i, p| std::array::from_fn(|c| r[i][c] + beta[c] * (p[c] - omega[c] * v[i][c])));
             rho = next;
         }
@@ -129,9 +133,7 @@ fn dot(a: &[Rgb], b: &[Rgb]) -> Rgb {
     let blocks: Vec<Rgb> = a
         .par_chunks(4096)
         .zip(b.par_chunks(4096))
-        .map(|(a, b)| {
-            a.iter().zip(b).fold([0.0; 3], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c]))
-        })
+        .map(|(a, b)| a.iter().zip(b).fold([0.0; 3], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c])))
         .collect();
     blocks.iter().fold([0.0; 3], |sum, b| std::array::from_fn(|c| sum[c] + b[c]))
 }

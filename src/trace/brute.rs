@@ -18,15 +18,16 @@ impl Brute {
 
     fn closest(&self, rays: &RayBatch, i: usize) -> Hit {
         let (o, d) = (rays.origin(i).as_dvec3(), rays.direction(i).as_dvec3());
-        let (t_min, mut t_max) = (rays.t_min[i] as f64, rays.t_max[i] as f64);
+        let (t_min, mut t_max) = (rays.t_min[i], rays.t_max[i]);
         let mut hit = Hit::NONE;
         for (k, tri) in self.triangles.iter().enumerate() {
             if let Some((t, u, v, back)) = intersect(o, d, tri)
-                && t > t_min
-                && t < t_max
+                // Compared as it is reported, so that both ends are exclusive for the caller.
+                && t as f32 > t_min
+                && (t as f32) < t_max
             {
-                t_max = t;
-                hit = Hit { t: t as f32, u: u as f32, v: v as f32, face: (k as u32) << 1 | back as u32 };
+                t_max = t as f32;
+                hit = Hit { t: t_max, u: u as f32, v: v as f32, face: (k as u32) << 1 | back as u32 };
             }
         }
         hit

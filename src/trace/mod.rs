@@ -5,7 +5,14 @@ use glam::Vec3;
 use crate::{Error, Result, options::Backend};
 
 mod brute;
+mod bvh;
+#[cfg(feature = "embree")]
+mod embree;
+
 pub use brute::Brute;
+pub use bvh::Bvh;
+#[cfg(feature = "embree")]
+pub use embree::Embree;
 
 /// Triangles to trace, in any unit. Triangle ids are positions in `triangles`.
 #[derive(Clone, Debug, Default)]
@@ -14,6 +21,26 @@ pub struct Geometry {
     pub positions: Vec<Vec3>,
     /// Vertex indices; all in range. At most 2^31 - 1 triangles.
     pub triangles: Vec<[u32; 3]>,
+}
+
+impl Geometry {
+    /// Looks for what no backend can trace.
+    ///
+    /// # Errors
+    /// [`Error::Backend`] naming the first vertex that is not finite, or triangle that has no such vertex.
+    pub fn check(&self) -> Result<()> {
+        if self.triangles.len() >= 1 << 31 {
+            return Err(Error::Backend(format!("{} triangles: at most 2^31 - 1 can be traced", self.triangles.len())));
+        }
+        if let Some(i) = self.positions.iter().position(|p| !p.is_finite()) {
+            return Err(Error::Backend(format!("vertex {i} is not finite: {}", self.positions[i])));
+        }
+        let n = self.positions.len();
+        if let Some(i) = self.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
+            return Err(Error::Backend(format!("triangle {i} has vertices {:?} of {n}", self.triangles[i])));
+        }
+        Ok(())
+    }
 }
 
 /// Rays as a structure of arrays, so that packets load without shuffling.
@@ -33,9 +60,9 @@ pub struct RayBatch {
     pub direction_y: Vec<f32>,
     /// Directions, z.
     pub direction_z: Vec<f32>,
-    /// Nearest distance that counts.
+    /// Distances that count are beyond this; at least 0.
     pub t_min: Vec<f32>,
-    /// Farthest distance that counts.
+    /// Distances that count are below this.
     pub t_max: Vec<f32>,
     /// Whether neighbouring rays have like origins and directions: packets may then be traced as one.
     pub coherent: bool,
@@ -156,10 +183,21 @@ impl Hit {
 /// A committed scene that answers ray queries, from any number of threads.
 ///
 /// Every backend honours `t_min` and `t_max`, never reports NaN, and gives the same answer for a ray whatever else
-/// is in its batch.
+/// is in its batch; but where two triangles are met at the same distance, a `coherent` batch may tell either.
+/// A ray that is not finite or has no direction meets nothing. All arrays of a batch and its results must have one
+/// length; a backend may panic where they have not.
 pub trait RayTracer: Send + Sync {
     /// Name and version, e.g. `embree 3.13.5`.
     fn name(&self) -> String;
+
+    /// The processor's instructions that it runs on, e.g. `AVX2`.
+    fn instruction_set(&self) -> String {
+        // What this crate was compiled for.
+        let sets = [("AVX-512", cfg!(target_feature = "avx512f")), ("AVX2", cfg!(target_feature = "avx2"))];
+        let baseline = [("SSE2", cfg!(target_feature = "sse2")), ("NEON", cfg!(target_feature = "neon"))];
+        let found = sets.into_iter().chain(baseline).find(|&(_, compiled)| compiled);
+        found.map_or("scalar", |(name, _)| name).into()
+    }
 
     /// The nearest hit of every ray. `hits` has the length of `rays`.
     fn closest_hits(&self, rays: &RayBatch, hits: &mut [Hit]);
@@ -174,7 +212,18 @@ pub trait RayTracer: Send + Sync {
 /// [`Error::Backend`] if the backend is not compiled in or could not be built.
 pub fn build(backend: Backend, geometry: &Geometry) -> Result<Box<dyn RayTracer>> {
     match backend {
-        Backend::Auto | Backend::Brute => Ok(Box::new(Brute::new(geometry))),
-        other => Err(Error::Backend(format!("backend {other:?} is not compiled in"))),
+        #[cfg(feature = "embree")]
+        Backend::Auto | Backend::Embree => Ok(Box::new(Embree::new(geometry)?)),
+        #[cfg(not(feature = "embree"))]
+        Backend::Embree => {
+            Err(Error::Backend("this build has no embree: build with --features embree, or use --backend bvh".into()))
+        }
+        #[cfg(not(feature = "embree"))]
+        Backend::Auto => Ok(Box::new(Bvh::new(geometry)?)),
+        Backend::Bvh => Ok(Box::new(Bvh::new(geometry)?)),
+        Backend::Brute => {
+            geometry.check()?;
+            Ok(Box::new(Brute::new(geometry)))
+        }
     }
 }

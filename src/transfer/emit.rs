@@ -1,6 +1,7 @@
 //! Rays from the surface of a patch.
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::PointSets;
 use crate::{
@@ -133,7 +134,14 @@ impl Emitter {
         }
     }
 
-    fn turn_each(&self, sets: &PointSets, set: std::ops::Range<usize>, flip: [u32; 2], azimuth: f32, rays: &mut RayBatch) {
+    fn turn_each(
+        &self,
+        sets: &PointSets,
+        set: std::ops::Range<usize>,
+        flip: [u32; 2],
+        azimuth: f32,
+        rays: &mut RayBatch,
+    ) {
         let flat = self.primitives.iter().all(|p| p.normal == self.primitives[0].normal);
         if flat {
             return turn(sets, set, turned_frame(self.primitives[0].normal, azimuth), 0, rays);
@@ -177,25 +185,19 @@ fn turn(sets: &PointSets, points: std::ops::Range<usize>, [t, b, n]: [Vec3; 3], 
     }
 }
 
-/// `count` stratified points on every patch of `of`, one patch after the other.
+/// `count` stratified points on every patch of `of`, one patch after the other: those that the first two coordinates
+/// of `sampling::sobol4(k, seed)` choose, as [`crate::light::irradiance`] asks.
 pub fn patch_points(simplified: &Simplified, of: &[u32], count: u32, seed: u64) -> Vec<SurfacePoint> {
-    use rayon::prelude::*;
+    let places: Vec<[f32; 4]> = (0..count).map(|k| sampling::sobol4(k, seed)).collect();
     of.par_chunks(256)
         .flat_map_iter(|chunk| {
             let mut emitter = Emitter::default();
             let mut points = Vec::with_capacity(chunk.len() * count as usize);
             for &i in chunk {
                 emitter.load(simplified, i as usize);
-                let seed = sampling::hash(&[seed, PATCH_POINTS, i as u64]);
-                points.extend((0..count).map(|k| {
-                    let [_, _, a, b] = sampling::sobol4(k, seed);
-                    emitter.point(a, b)
-                }));
+                points.extend(places.iter().map(|p| emitter.point(p[0], p[1])));
             }
             points
         })
         .collect()
 }
-
-/// Purpose word of patch points.
-const PATCH_POINTS: u64 = 0x7061_7463_6870;

@@ -64,14 +64,10 @@ impl Block {
         self.rows.push(Row { end: self.bytes.len(), ..row });
     }
 
-    /// The patches that any row met.
-    pub fn columns(&self) -> impl Iterator<Item = u32> {
-        let mut begin = 0;
-        self.rows.iter().flat_map(move |row| {
-            let bytes = &self.bytes[begin..row.end];
-            begin = row.end;
-            Entries { bytes, patch: 0 }.map(|(patch, _)| patch)
-        })
+    /// The hits of row number `row`: (patch, count), sorted by patch.
+    pub fn entries(&self, row: usize) -> impl Iterator<Item = (u32, u32)> {
+        let begin = if row == 0 { 0 } else { self.rows[row - 1].end };
+        Entries { bytes: &self.bytes[begin..self.rows[row].end], patch: 0 }
     }
 }
 
@@ -131,8 +127,9 @@ impl Iterator for Entries<'_> {
 }
 
 impl FormFactors {
-    /// Puts the rows of blocks in the order of the patches. Patches without a row get an empty one.
-    pub fn of_blocks(patches: usize, blocks: Vec<Block>) -> FormFactors {
+    /// Puts the rows of blocks in the order of the patches. Patches that are not `wanted` or have no row get an empty
+    /// one.
+    pub fn of_blocks(patches: usize, blocks: Vec<Block>, wanted: &[bool]) -> FormFactors {
         let mut f = FormFactors {
             offsets: Vec::with_capacity(patches + 1),
             bytes: Vec::with_capacity(blocks.iter().map(|b| b.bytes.len()).sum()),
@@ -146,8 +143,10 @@ impl FormFactors {
             let mut begin = 0;
             for row in &block.rows {
                 let i = row.patch as usize;
-                place[i] = (k as u32, begin, row.end);
-                (f.valid[i], f.escaped[i], f.hidden[i]) = (row.valid, row.escaped, row.hidden);
+                if wanted[i] {
+                    place[i] = (k as u32, begin, row.end);
+                    (f.valid[i], f.escaped[i], f.hidden[i]) = (row.valid, row.escaped, row.hidden);
+                }
                 begin = row.end;
             }
         }
@@ -250,7 +249,7 @@ mod tests {
         let valid = hits.iter().map(|h| h.1).sum::<u32>() + escaped;
         let mut block = Block::default();
         block.push(Row { patch: 1, valid, escaped, hidden: 0, end: 0 }, hits.iter().copied());
-        FormFactors::of_blocks(70_000, vec![block])
+        FormFactors::of_blocks(70_000, vec![block], &[true; 70_000])
     }
 
     #[test]
