@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use glam::{DVec3, Vec3};
 use luxel::{
-    BakeOptions,
+    BakeOptions, Error, Result, Scene,
     options::{Backend, FaceColour, PatchSource, Primary, Reconstruct, Resolution},
     scene::{SceneOverrides, SidesRule},
 };
@@ -17,7 +17,7 @@ use super::parse;
 pub struct BakeArgs {
     /// The scene: an OBJ, glTF or GLB file, or a scene file (.toml)
     #[arg(value_name = "SCENE")]
-    pub scene: PathBuf,
+    scene: PathBuf,
     #[command(flatten)]
     settings: Settings,
     #[command(flatten)]
@@ -92,6 +92,9 @@ struct Lights {
     /// Point light: position and radiant intensity, W/sr; may be repeated
     #[arg(long, value_name = "X,Y,Z:R,G,B", value_parser = parse::point, allow_hyphen_values = true)]
     point: Vec<(DVec3, Vec3)>,
+    /// Surroundings: a lat-long EXR image of radiance, up is +y
+    #[arg(long, value_name = "FILE")]
+    environment: Option<PathBuf>,
     /// Radiance that a material emits, W/m2/sr; may be repeated
     #[arg(long, value_name = "MATERIAL=R,G,B", value_parser = parse::emit, allow_hyphen_values = true)]
     emit: Vec<(String, Vec3)>,
@@ -115,9 +118,41 @@ pub struct Running {
     pub json_progress: bool,
 }
 
+/// What is to be baked, and how.
+pub struct Job {
+    pub scene: Scene,
+    pub options: BakeOptions,
+    /// Threads asked for.
+    threads: Option<usize>,
+}
+
+impl Job {
+    /// Runs `work` on as many threads as asked for, one a core if not asked.
+    ///
+    /// # Errors
+    /// Those of `work`; the system gives no threads.
+    pub fn on_threads<T: Send>(&self, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(self.threads.unwrap_or(0))
+            .build()
+            .map_err(|e| Error::Option(format!("cannot start the threads: {e}; try fewer with --threads")))?;
+        pool.install(work)
+    }
+}
+
 impl BakeArgs {
-    /// The settings: these arguments over `base`.
-    pub fn options(&self, base: BakeOptions) -> BakeOptions {
+    /// Loads the scene and settles how to bake it: these arguments over the scene file over the defaults.
+    ///
+    /// # Errors
+    /// Those of [`luxel::scene::load`].
+    pub fn load(&self) -> Result<Job> {
+        let (scene, file) = luxel::scene::load(&self.scene, &self.overrides())?;
+        let mut base = BakeOptions::default();
+        file.apply(&mut base);
+        Ok(Job { scene, options: self.options(base), threads: self.running.threads.or(file.threads) })
+    }
+
+    fn options(&self, base: BakeOptions) -> BakeOptions {
         let s = &self.settings;
         let resolution = s.grid.map(Resolution::Grid).or(s.voxel.map(Resolution::Voxel));
         BakeOptions {
@@ -137,12 +172,12 @@ impl BakeArgs {
         }
     }
 
-    /// What these arguments change in the scene.
-    pub fn overrides(&self) -> SceneOverrides {
+    fn overrides(&self) -> SceneOverrides {
         SceneOverrides {
             sky: self.lights.sky,
             suns: self.lights.sun.clone(),
             points: self.lights.point.clone(),
+            environment: self.lights.environment.clone(),
             emit: self.lights.emit.clone(),
             albedo: self.lights.albedo.clone(),
             sides: self.settings.sides.map(Into::into),

@@ -4,7 +4,7 @@ use std::{path::PathBuf, time::Instant};
 
 use glam::DVec3;
 use luxel::{
-    BakeOptions, Result, Scene,
+    Result, Scene,
     bake::Bake,
     options::PatchSource,
     output::{
@@ -23,9 +23,10 @@ use luxel::{
 };
 
 use super::{
-    BakeArgs, load, parse,
+    args::{BakeArgs, Job},
+    parse,
     progress::{Style, Terminal},
-    say, with_threads,
+    say,
 };
 
 #[derive(clap::Args, Debug)]
@@ -63,26 +64,27 @@ struct Picture {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (scene, options) = load(&args.bake)?;
+    let job = args.bake.load()?;
+    let scene = &job.scene;
     let running = &args.bake.running;
     let staged = Staged::open(&args.output)?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
-    let bake = with_threads(running.threads, || {
-        let mut bake = luxel::bake(&scene, &options, &progress)?;
+    let bake = job.on_threads(|| {
+        let mut bake = luxel::bake(scene, &job.options, &progress)?;
         let picture = (!args.picture.no_preview).then(|| {
             let begun = Instant::now();
-            let camera = args.picture.camera(&scene, &bake);
-            let pixels = preview::render(&scene, &bake, &camera, args.picture.preview_size, &progress);
+            let camera = args.picture.camera(scene, &bake);
+            let pixels = preview::render(scene, &bake, &camera, args.picture.preview_size, &progress);
             bake.report.stages.push(Stage { name: "preview", seconds: begun.elapsed().as_secs_f64() });
             (camera, pixels)
         });
         progress.begin("output", 0);
-        write(args, &scene, &options, &mut bake, picture, staged)?;
+        write(args, &job, &mut bake, picture, staged)?;
         progress.end();
         Ok(bake)
     })?;
     if !running.quiet && !running.json_progress {
-        say(&summary(&scene, &bake.report));
+        say(&summary(scene, &bake.report));
         say(&format!("{:<14}{}\n", "written to", args.output.display()));
     }
     Ok(())
@@ -111,13 +113,13 @@ impl Picture {
 
 fn write(
     args: &Args,
-    scene: &Scene,
-    options: &BakeOptions,
+    job: &Job,
     bake: &mut Bake,
     picture: Option<(Camera, Preview)>,
     mut staged: Staged,
 ) -> Result<()> {
     let begun = Instant::now();
+    let scene = &job.scene;
     let voxel_size = bake.report.counts.voxel_size;
     staged
         .write("vertices.ply", |out| ply::write_vertices(out, &bake.mesh, &bake.vertices, &scene.frame, voxel_size))?;
@@ -132,7 +134,7 @@ fn write(
         frame: &scene.frame,
         voxel_size,
         tone,
-        squares: options.patches == PatchSource::Faces,
+        squares: job.options.patches == PatchSource::Faces,
     };
     staged.write("patches.ply", |out| patches.write(out))?;
     let mut record = None;

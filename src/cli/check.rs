@@ -2,7 +2,7 @@
 
 use luxel::Result;
 
-use super::{BakeArgs, load, say};
+use super::{args::BakeArgs, say};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -11,7 +11,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let (scene, _options) = load(&args.bake)?;
+    let scene = args.bake.load()?.scene;
     say(&format!("{}: {} triangles\n", scene.name, scene.triangles.len()));
     Ok(())
 }

@@ -8,7 +8,6 @@ use std::{
 };
 
 use clap::{Parser, Subcommand};
-use luxel::{BakeOptions, Error, Result, Scene};
 
 mod args;
 mod bake;
@@ -16,8 +15,6 @@ mod check;
 mod parse;
 mod points;
 mod progress;
-
-use args::BakeArgs;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
@@ -90,19 +87,4 @@ fn complain(message: &str) {
 /// Prints to stdout; a reader that has gone away (`| head`) is no error.
 fn say(text: &str) {
     io::stdout().write_all(text.as_bytes()).ok();
-}
-
-/// Loads the scene and settles the options: command line over scene file over defaults.
-fn load(args: &BakeArgs) -> Result<(Scene, BakeOptions)> {
-    let scene = luxel::scene::load(&args.scene, &args.overrides())?;
-    Ok((scene, args.options(BakeOptions::default())))
-}
-
-/// Runs `work` on as many threads as asked for, one a core if not asked.
-fn with_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.unwrap_or(0))
-        .build()
-        .map_err(|e| Error::Option(format!("cannot start the threads: {e}; try fewer with --threads")))?;
-    pool.install(work)
 }

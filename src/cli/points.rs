@@ -14,9 +14,9 @@ use luxel::{
 };
 
 use super::{
-    BakeArgs, load,
+    args::BakeArgs,
     progress::{Style, Terminal},
-    say, with_threads,
+    say,
 };
 
 #[derive(clap::Args, Debug)]
@@ -41,13 +41,14 @@ struct Point {
 pub fn run(args: &Args) -> Result<()> {
     let text = fs::read_to_string(&args.at).map_err(|e| Error::io(&args.at, e))?;
     let points = parse(&args.at, &text)?;
-    let (scene, options) = load(&args.bake)?;
+    let job = args.bake.load()?;
+    let scene = &job.scene;
     let (folder, name) = split(&args.output)?;
     let mut staged = Staged::open(folder)?;
     let running = &args.bake.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
-    let (bake, light) = with_threads(running.threads, || {
-        let bake = luxel::bake(&scene, &options, &progress)?;
+    let (bake, light) = job.on_threads(|| {
+        let bake = luxel::bake(scene, &job.options, &progress)?;
         let local = |p: &Point| SurfacePoint {
             position: scene.frame.to_local(p.position),
             normal: p.normal.as_vec3().normalize(),
@@ -58,7 +59,7 @@ pub fn run(args: &Args) -> Result<()> {
     staged.write(name, |out| write(out, &points, &light))?;
     staged.commit()?;
     if !running.quiet && !running.json_progress {
-        say(&summary(&scene, &bake.report));
+        say(&summary(scene, &bake.report));
         say(&format!("{:<14}{} points to {}\n", "written", points.len(), args.output.display()));
     }
     Ok(())
