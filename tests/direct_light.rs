@@ -531,6 +531,9 @@ fn answers_do_not_depend_on_threads_or_on_neighbours_in_the_list() {
     back.reverse();
     assert_eq!(one.irradiance, back);
     assert_eq!(run(1, &points[17..18]).irradiance[0], one.irradiance[17]);
+    // Zeros of either sign are the same place and direction.
+    let zeros = |zero: f32| [point(Vec3::new(0.1, zero, 0.1), Vec3::new(1.0, zero, zero))];
+    assert_eq!(run(1, &zeros(0.0)), run(1, &zeros(-0.0)));
     // Another seed is another estimate.
     assert_ne!(one.irradiance, irradiance(&lights, &*tracer, &points, 1, 16, 8).irradiance);
 }
