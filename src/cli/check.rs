@@ -1,6 +1,6 @@
 //! `luxel check`.
 
-use luxel::Result;
+use luxel::{Result, scene::SceneCheck};
 
 use super::{args::BakeArgs, say};
 
@@ -12,6 +12,6 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<()> {
     let scene = args.bake.load()?.scene;
-    say(&format!("{}: {} triangles\n", scene.name, scene.triangles.len()));
+    say(&SceneCheck::new(&scene).to_string());
     Ok(())
 }
