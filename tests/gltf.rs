@@ -147,10 +147,11 @@ fn lights_and_cameras_stand_where_their_nodes_do() {
         { "type": "directional", "intensity": 2 }
     ] } });
     document["cameras"] = json!([{ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }]);
+    let half = std::f64::consts::FRAC_1_SQRT_2;
     document["nodes"] = json!([
         { "mesh": 0, "children": [1, 2, 3] },
         { "translation": [1, 2, 3], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
-        { "rotation": [-0.7071068, 0, 0, 0.7071068], "extensions": { "KHR_lights_punctual": { "light": 1 } } },
+        { "rotation": [-half, 0, 0, half], "extensions": { "KHR_lights_punctual": { "light": 1 } } },
         { "translation": [0, 0, 9], "camera": 0 }
     ]);
     let scene = open(&document).unwrap();
