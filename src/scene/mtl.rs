@@ -16,9 +16,10 @@ use glam::Vec3;
 
 use super::{
     Material,
-    builder::{Builder, Opacity, RawMaterial},
+    builder::Builder,
     image::{self, OpacityMap},
     path,
+    raw::{Opacity, RawMaterial},
 };
 
 /// Albedo of surfaces whose material says nothing about it.
