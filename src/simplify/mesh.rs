@@ -256,7 +256,7 @@ impl std::hash::Hasher for Fast {
         self.write_u64(x as u32 as u64);
     }
     fn write_u64(&mut self, x: u64) {
-        let product = (self.0 ^ x) as u128 * 0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835_u128;
+        let product = ((self.0 ^ x) as u128).wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835);
         self.0 = (product >> 64) as u64 ^ product as u64;
     }
 }
