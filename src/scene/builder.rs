@@ -6,8 +6,7 @@ use glam::{DAffine3, DVec3, Vec2, Vec3};
 use serde::Serialize;
 
 use super::{
-    Camera, Corners, Frame, Material, Scene, Texture, Triangle, WorldLight,
-    coincident,
+    Camera, Corners, Frame, Material, Scene, Texture, Triangle, WorldLight, coincident,
     image::OpacityMap,
     material::ALBEDO_MAX,
     sides::{self, SidesRule},
@@ -304,7 +303,11 @@ impl Builder {
         add(dropped.not_finite, "not finite");
         add(dropped.zero_area, "without area");
         add(transparent, "transparent");
-        Error::Scene(format!("scene \"{}\" has no geometry: no opaque triangle with an area ({})", self.name, why.join(", ")))
+        Error::Scene(format!(
+            "scene \"{}\" has no geometry: no opaque triangle with an area ({})",
+            self.name,
+            why.join(", ")
+        ))
     }
 
     fn clean_materials(&mut self) {

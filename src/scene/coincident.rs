@@ -43,12 +43,7 @@ struct Marks {
 
 impl Marks {
     /// Keeps one member of every group of equal keys; `members` are sorted by key, then triangle.
-    fn groups<K: PartialEq, const N: usize>(
-        &mut self,
-        members: &[(K, [u32; N])],
-        normals: &[DVec3],
-        emits: &[bool],
-    ) {
+    fn groups<K: PartialEq, const N: usize>(&mut self, members: &[(K, [u32; N])], normals: &[DVec3], emits: &[bool]) {
         for group in members.chunk_by(|a, b| a.0 == b.0).filter(|g| g.len() > 1) {
             let normal = |m: &[u32; N]| normals[m[0] as usize];
             let free: Vec<[u32; N]> =

@@ -40,7 +40,8 @@ pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<()> {
     let (document, blob) = parse(file, &bytes).map_err(wrong)?;
     let buffers = Buffers::load(&document, blob.as_deref(), path::folder(file)).map_err(wrong)?;
     let materials = gltf_material::read(&document, &buffers, path::folder(file), builder);
-    let mut reader = Reader { document: &document, buffers, materials, builder, triangles: 0, not_triangles: 0, plain: 0 };
+    let mut reader =
+        Reader { document: &document, buffers, materials, builder, triangles: 0, not_triangles: 0, plain: 0 };
     reader.nodes().map_err(wrong)?;
     let Reader { not_triangles, plain, .. } = reader;
     if plain > 0 {
@@ -127,7 +128,10 @@ impl Reader<'_> {
         let mut stack: Vec<(Node, DAffine3)> = roots.into_iter().rev().map(|n| (n, DAffine3::IDENTITY)).collect();
         while let Some((node, parent)) = stack.pop() {
             if std::mem::replace(&mut reached[node.index()], true) {
-                return Err(format!("node {} is its own ancestor or has two parents; nodes must form trees", node.index()));
+                return Err(format!(
+                    "node {} is its own ancestor or has two parents; nodes must form trees",
+                    node.index()
+                ));
             }
             let transform = parent * local_transform(&node);
             self.node(&node, &transform)?;
@@ -168,7 +172,8 @@ impl Reader<'_> {
         let uvs = uv.and_then(|u| primitive.get(&Semantic::TexCoords(u.set)));
         let indices = primitive.indices().map(|a| self.buffers.indices(&a)).transpose()?;
         let vertices = positions.count();
-        self.triangles += indices.as_ref().map_or(vertices, Vec::len) / if primitive.mode() == Mode::Triangles { 3 } else { 1 };
+        self.triangles +=
+            indices.as_ref().map_or(vertices, Vec::len) / if primitive.mode() == Mode::Triangles { 3 } else { 1 };
         if self.triangles > MOST_TRIANGLES {
             return Err(format!("the scene has more than {MOST_TRIANGLES} triangles"));
         }
@@ -180,19 +185,22 @@ impl Reader<'_> {
         let colours = primitive.get(&Semantic::Colors(0)).map(|a| self.buffers.read::<3>(&a)).transpose()?;
         let uvs = uvs.map(|a| self.buffers.read::<2>(&a)).transpose()?;
         let order = indices.unwrap_or_else(|| (0..vertices as u32).collect());
-        let vec3 = |list: Option<Vec<[f32; 3]>>| list.unwrap_or_default().into_iter().map(Vec3::from).collect::<Vec<_>>();
+        let vec3 =
+            |list: Option<Vec<[f32; 3]>>| list.unwrap_or_default().into_iter().map(Vec3::from).collect::<Vec<_>>();
         let mesh = RawMesh {
             name: name.to_string(),
             positions: positions.iter().map(|p| Vec3::from(*p).as_dvec3()).collect(),
             normals: vec3(normals),
-            uvs: uv.map_or(Vec::new(), |u| uvs.unwrap_or_default().into_iter().map(|v| u.apply(Vec2::from(v))).collect()),
+            uvs: uv
+                .map_or(Vec::new(), |u| uvs.unwrap_or_default().into_iter().map(|v| u.apply(Vec2::from(v))).collect()),
             colours: vec3(colours),
             triangles: triangles(primitive.mode(), &order),
             place: "",
             places: Vec::new(),
             material,
         };
-        for (what, n) in [("NORMAL", mesh.normals.len()), ("TEXCOORD", mesh.uvs.len()), ("COLOR_0", mesh.colours.len())] {
+        for (what, n) in [("NORMAL", mesh.normals.len()), ("TEXCOORD", mesh.uvs.len()), ("COLOR_0", mesh.colours.len())]
+        {
             if n != 0 && n != mesh.positions.len() {
                 return Err(format!("{what} has {n} elements, POSITION has {}", mesh.positions.len()));
             }
@@ -206,8 +214,7 @@ impl Reader<'_> {
         use json::extensions::scene::khr_lights_punctual::Type;
         let root = self.document.as_json();
         let lights = root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
-        let light =
-            lights.and_then(|l| l.lights.get(index)).ok_or_else(|| format!("light {index} does not exist"))?;
+        let light = lights.and_then(|l| l.lights.get(index)).ok_or_else(|| format!("light {index} does not exist"))?;
         let strength = Vec3::from(light.color) * light.intensity;
         let range = light.range.map_or(f64::INFINITY, f64::from);
         let world = match (&light.type_, &light.spot) {
@@ -269,9 +276,7 @@ fn local_transform(node: &Node) -> DAffine3 {
 fn triangles(mode: Mode, order: &[u32]) -> Vec<[u32; 3]> {
     let n = order.len().saturating_sub(2);
     match mode {
-        Mode::TriangleStrip => {
-            (0..n).map(|i| [order[i], order[i + 1 + i % 2], order[i + 2 - i % 2]]).collect()
-        }
+        Mode::TriangleStrip => (0..n).map(|i| [order[i], order[i + 1 + i % 2], order[i + 2 - i % 2]]).collect(),
         Mode::TriangleFan => (0..n).map(|i| [order[i + 1], order[i + 2], order[0]]).collect(),
         _ => order.chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect(),
     }

@@ -82,7 +82,9 @@ impl<'a> Buffers<'a> {
             out
         };
         let mut out: Vec<[f32; N]> = match accessor.view() {
-            Some(view) => self.elements(&view, accessor.offset(), accessor.count(), size).map_err(wrong)?.map(element).collect(),
+            Some(view) => {
+                self.elements(&view, accessor.offset(), accessor.count(), size).map_err(wrong)?.map(element).collect()
+            }
             None if accessor.count() > MOST_ZEROS => {
                 return Err(wrong(format!("{} elements without a bufferView", accessor.count())));
             }
@@ -100,7 +102,8 @@ impl<'a> Buffers<'a> {
             let values = self.elements(&value_view, values.offset(), sparse.count(), size).map_err(wrong)?;
             for (place, value) in places.zip(values) {
                 let place = unsigned(place) as usize;
-                *out.get_mut(place).ok_or_else(|| wrong(format!("sparse index {place} does not exist")))? = element(value);
+                *out.get_mut(place).ok_or_else(|| wrong(format!("sparse index {place} does not exist")))? =
+                    element(value);
             }
         }
         Ok(out)
@@ -123,7 +126,13 @@ impl<'a> Buffers<'a> {
     }
 
     /// `count` slices of `size` bytes, all inside the view.
-    fn elements(&self, view: &View, offset: usize, count: usize, size: usize) -> Result<impl Iterator<Item = &[u8]>, String> {
+    fn elements(
+        &self,
+        view: &View,
+        offset: usize,
+        count: usize,
+        size: usize,
+    ) -> Result<impl Iterator<Item = &[u8]>, String> {
         let bytes = self.view(view)?;
         let stride = view.stride().unwrap_or(size);
         let needed = match count {
@@ -245,7 +254,9 @@ mod tests {
 
     #[test]
     fn base64_reads_the_vectors_of_rfc_4648() {
-        for (text, bytes) in [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYg", "foob"), ("Zm9vYmFy", "foobar")] {
+        for (text, bytes) in
+            [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm9v", "foo"), ("Zm9vYg", "foob"), ("Zm9vYmFy", "foobar")]
+        {
             assert_eq!(base64(text).unwrap(), bytes.as_bytes());
         }
         assert!(base64("@@@@").is_none());

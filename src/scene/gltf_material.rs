@@ -106,10 +106,7 @@ pub(crate) fn read(document: &Document, buffers: &Buffers, folder: &Path, builde
         ));
     }
     if !textures.missing.is_empty() {
-        builder.warn(format!(
-            "textures were not read, their factors count alone: {}",
-            list(&textures.missing, 5)
-        ));
+        builder.warn(format!("textures were not read, their factors count alone: {}", list(&textures.missing, 5)));
     }
     entries
 }
@@ -132,9 +129,7 @@ impl Textures<'_> {
             return *known;
         }
         let loaded = match self.buffers.image(self.document, image, self.folder) {
-            Ok(image) => {
-                Some((builder.add_texture(image.texture), image.alpha.map(|a| builder.add_opacity_map(a))))
-            }
+            Ok(image) => Some((builder.add_texture(image.texture), image.alpha.map(|a| builder.add_opacity_map(a)))),
             Err(cause) => {
                 self.missing.push(cause);
                 None

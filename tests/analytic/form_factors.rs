@@ -64,17 +64,12 @@ fn rectangles(corners: [[[f64; 3]; 3]; 2], options: &BakeOptions) -> Rows {
     let stage = world.build();
     let bake = stage.bake(&BakeOptions { primary: Primary::Radiosity, ..options.clone() });
     let all = vec![true; bake.patches().len()];
-    let estimate = transfer::estimate(
-        &bake.simplified,
-        bake.patch_tracer(),
-        &all,
-        true,
-        options.rays,
-        options.seed,
-        &Silent,
-    );
+    let estimate =
+        transfer::estimate(&bake.simplified, bake.patch_tracer(), &all, true, options.rays, options.seed, &Silent);
     let rays = options.rays as f64;
-    let one = (0..all.len()).map(|i| options.patches == luxel::options::PatchSource::Surfels && mesh_of(&stage.scene, &bake, i) == "one").collect();
+    let one = (0..all.len())
+        .map(|i| options.patches == luxel::options::PatchSource::Surfels && mesh_of(&stage.scene, &bake, i) == "one")
+        .collect();
     Rows { bake, form_factors: estimate.form_factors, rays, one }
 }
 

@@ -42,7 +42,10 @@ fn check(what: &str, build: impl Fn(f32) -> World, options: BakeOptions) {
             let b = bake.patches().emitted[i].x as f64 + bake.light.radiosity[i].x as f64;
             error = error.max((b / expected - 1.0).abs());
         }
-        println!("furnace, {what}, albedo {albedo}: largest error {error:.2e}, {} steps", bake.report.solver.iterations);
+        println!(
+            "furnace, {what}, albedo {albedo}: largest error {error:.2e}, {} steps",
+            bake.report.solver.iterations
+        );
         // |error| <= |residual| / (1 - rho) for rows that sum to 1, and the residual is relative to the source rho M;
         // an albedo rounded by an ulp changes B by that over 1 - rho; light is f32.
         let ulp = f32::EPSILON as f64;

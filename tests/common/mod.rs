@@ -24,8 +24,12 @@ impl World {
 
     /// A grey material.
     pub fn grey(&mut self, albedo: f32, emission: f32) -> u32 {
-        let surface =
-            Material { name: "grey".into(), albedo: Vec3::splat(albedo), emission: Vec3::splat(emission), ..Material::default() };
+        let surface = Material {
+            name: "grey".into(),
+            albedo: Vec3::splat(albedo),
+            emission: Vec3::splat(emission),
+            ..Material::default()
+        };
         self.builder.add_material(RawMaterial { surface, ..RawMaterial::default() })
     }
 
