@@ -9,9 +9,13 @@ fn main() {
     if feature("embree") {
         embree();
     }
+    if feature("openexr") {
+        openexr();
+    }
     #[cfg(feature = "regenerate-bindings")]
     {
         bind("embree", "Luxel(Embree|Rays|Hit).*", "luxel_embree_.*");
+        bind("openexr", "LuxelExr.*", "luxel_exr_.*");
     }
 }
 
@@ -38,6 +42,21 @@ fn embree() {
     // The shim prefers the newer header by itself; the macro keeps header and library of one version.
     compile("embree", &folders, &[("LUXEL_EMBREE_VERSION", version)]);
     println!("cargo::rustc-link-lib=dylib=embree{version}");
+}
+
+/// OpenEXRCore, the C library of OpenEXR 3.1 and later.
+fn openexr() {
+    let probed = pkg_config::Config::new().cargo_metadata(false).atleast_version("3.1").probe("OpenEXR");
+    let Ok(library) = probed else {
+        missing("OpenEXR 3.1 or later", "libopenexr-dev", "openexr", "embree");
+    };
+    // Of the libraries that the .pc file lists only the C one is needed; its name carries the version.
+    let Some(core) = library.libs.iter().find(|name| name.starts_with("OpenEXRCore")) else {
+        missing("OpenEXRCore", "libopenexr-dev", "openexr", "embree");
+    };
+    compile("openexr", &library.include_paths, &[]);
+    print_search_paths(&library.link_paths);
+    println!("cargo::rustc-link-lib=dylib={core}");
 }
 
 /// Compiled for the baseline processor, so that the binary runs anywhere (Embree picks its kernels at run time), and
@@ -92,7 +111,9 @@ fn bind(name: &str, types: &str, functions: &str) {
         .header(&header)
         .allowlist_type(types)
         .allowlist_function(functions)
+        .allowlist_var("LUXEL_.*")
         .generate_comments(false)
+        .rust_edition(bindgen::RustEdition::Edition2024)
         .rust_edition(bindgen::RustEdition::Edition2024)
         .generate()
         .map_err(|e| e.to_string())

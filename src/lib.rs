@@ -16,16 +16,16 @@ pub mod progress;
 pub mod report;
 pub mod sampling;
 
-pub mod trace;
-
 pub mod light;
 pub mod reconstruct;
 pub mod scene;
 pub mod simplify;
 pub mod solve;
+pub mod trace;
 pub mod transfer;
 
 pub mod bake;
+pub mod output;
 
 pub use bake::bake;
 pub use error::{Error, Result};

@@ -1,5 +1,8 @@
-//! The command `luxel`.
+//! The command `luxel`: parse, run, exit code.
+#![deny(unsafe_code)]
 
-fn main() {
-    println!("luxel {}", env!("CARGO_PKG_VERSION"));
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
 }

@@ -252,6 +252,58 @@ fn a_lamp_touching_the_receivers_plane_is_clipped_by_it() {
 }
 
 #[test]
+fn a_blocker_close_to_a_touching_lamp_hides_its_share() {
+    // The receiver is 0.02 under a lamp of 0.4 x 0.4; a half-plane between them hides x > 0.01. Area sampling would
+    // put nearly all samples where they count little.
+    let mut b = Builder::new();
+    b.quad(Vec3::new(5e-3, -0.5, 0.01), Vec3::X * 0.495, Vec3::Y, 0);
+    let (edge_u, edge_v) = (Vec3::Y * 0.4, Vec3::X * 0.4);
+    let b = b.light(Light::Rectangle { corner: Vec3::new(-0.2, -0.2, 0.02), edge_u, edge_v, radiance: Vec3::ONE });
+    let expected = over_point(-0.2, 0.01, -0.2, 0.2, 0.02);
+    let values: Vec<f64> = (0..400).map(|seed| b.at(&[point(Vec3::ZERO, Vec3::Z)], 16, seed)[0].x as f64).collect();
+    let (mean, error) = statistics(&values);
+    // A share of weighted samples is biased by about (its spread)^2: squares of 0.1 over 16 samples.
+    assert!((mean - expected).abs() < 4.0 * error + 1e-3 * expected, "{mean} +- {error}, {expected}");
+    assert!(error * 20.0 < 0.12 * expected, "spread {}", error * 20.0 / expected);
+}
+
+#[test]
+fn two_triangles_of_a_quad_are_one_lamp_with_one_share_of_rays() {
+    let lamp = |shift: Vec3| {
+        let mut b = Builder::new();
+        let emissive = b.material(Vec3::ONE);
+        let [p, q, r, s] = [(-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (0.1, -0.1)].map(|(x, y)| Vec3::new(x, y, 0.3));
+        b.triangle([p, q, r], emissive);
+        b.triangle([p, r, s + shift], emissive);
+        irradiance(&LightSet::new(&b.0), &*b.tracer(), &[point(Vec3::ZERO, Vec3::Z)], 1, 64, 1)
+    };
+    let (quad, pair) = (lamp(Vec3::ZERO), lamp(Vec3::X * 1e-4));
+    assert_eq!(quad.rays, 64);
+    // The halves of a pair that is no parallelogram get half each.
+    assert_eq!(pair.rays, 32 + 32);
+    let expected = over_point(-0.1, 0.1, -0.1, 0.1, 0.3);
+    assert_close(quad.irradiance[0].x, expected, ROUNDING, "quad");
+    assert_close(pair.irradiance[0].x, expected, 1e-3, "pair");
+}
+
+#[test]
+fn one_sided_surfaces_light_their_front_only_and_two_sided_ones_both() {
+    for both in [false, true] {
+        let mut b = Builder::new();
+        let emissive = b.material(Vec3::ONE);
+        b.quad(Vec3::new(-0.1, -0.1, 0.0), Vec3::X * 0.2, Vec3::Y * 0.2, emissive);
+        b.0.materials[emissive as usize].double_sided = both;
+        b.0.triangles.iter_mut().for_each(|t| t.two_sided = both);
+        let e = b.at(&[point(Vec3::Z * 0.3, -Vec3::Z), point(Vec3::Z * -0.3, Vec3::Z)], 64, 1);
+        let expected = over_point(-0.1, 0.1, -0.1, 0.1, 0.3);
+        assert_close(e[0].x, expected, ROUNDING, "front");
+        assert_close(e[1].x, if both { expected } else { 0.0 }, ROUNDING, "back");
+        let sides = if both { 2.0 } else { 1.0 };
+        assert!((LightSet::new(&b.0).power()[2] - sides * std::f64::consts::PI * 0.04).abs() < 1e-6);
+    }
+}
+
+#[test]
 fn a_disc_over_a_point_gives_pi_sine_squared() {
     let b =
         Builder::new().light(Light::Disc { centre: Vec3::Z * 0.3, normal: -Vec3::Z, radius: 0.2, radiance: Vec3::ONE });
@@ -437,6 +489,27 @@ fn a_patch_has_the_mean_light_of_its_points() {
 }
 
 #[test]
+fn a_bent_patch_among_many_lamps_has_the_mean_light_of_its_points() {
+    // Points on a quarter of a cylinder, so that no lamp is in view of all of them.
+    let b = many_lamps(500);
+    let (lights, tracer) = (LightSet::new(&b.0), b.tracer());
+    let place = |u: f32, v: f32| {
+        let (sin, cos) = (0.5 * PI * u).sin_cos();
+        point(Vec3::new(-0.3 + 0.1 * cos, 0.1 * sin, 0.2 * v - 0.1), Vec3::new(cos, sin, 0.0))
+    };
+    let points: Vec<SurfacePoint> = (0..64).map(|k| sampling::sobol4(k, 3)).map(|[u, v, ..]| place(u, v)).collect();
+    let single = |seed| {
+        let e = irradiance(&lights, &*tracer, &points, 1, 64, seed).irradiance;
+        e.iter().map(|e| e.x as f64).sum::<f64>() / points.len() as f64
+    };
+    let (exact, exact_error) = statistics(&(0..20).map(single).collect::<Vec<_>>());
+    let patch = |seed| irradiance(&lights, &*tracer, &points, 64, 64, seed).irradiance[0].x as f64;
+    let (mean, error) = statistics(&(0..200).map(patch).collect::<Vec<_>>());
+    println!("bent patch: {mean} +- {error}, points {exact} +- {exact_error}");
+    assert!((mean - exact).abs() < 4.0 * error.hypot(exact_error), "{mean} +- {error}, {exact} +- {exact_error}");
+}
+
+#[test]
 fn answers_do_not_depend_on_threads_or_on_neighbours_in_the_list() {
     let b = many_lamps(100).light(Light::Sky { radiance: Vec3::ONE });
     let (lights, tracer) = (LightSet::new(&b.0), b.tracer());
@@ -485,6 +558,9 @@ fn senseless_input_gives_finite_light() {
         .light(Light::Point { position: Vec3::ZERO, intensity: Vec3::ONE, range: f32::INFINITY })
         .light(Light::Disc { centre: Vec3::ZERO, normal: Vec3::Z, radius: 0.3, radiance: Vec3::ONE })
         .light(Light::Rectangle { corner: Vec3::ZERO, edge_u: Vec3::X, edge_v: Vec3::Y, radiance: Vec3::ONE })
+        .light(Light::Sky { radiance: Vec3::new(f32::MAX, 0.0, 1.0) })
+        .light(environment(2, 2, |_, _| f32::MAX))
+        .light(Light::Point { position: Vec3::X, intensity: Vec3::new(f32::MAX, 0.0, 1.0), range: 2.0 })
         .light(Light::Rectangle { corner: Vec3::ZERO, edge_u: Vec3::X * 1e-20, edge_v: Vec3::Y, radiance: Vec3::ONE });
     let mut points = vec![point(nan, Vec3::Z), point(Vec3::ZERO, nan), point(Vec3::ZERO, Vec3::ZERO)];
     for normal in [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::new(0.6, 0.0, -0.8)] {

@@ -117,7 +117,8 @@ struct Scratch {
     occluded: Vec<bool>,
     groups: Vec<Group>,
     cut: Vec<Branch>,
-    /// Unshadowed irradiance, mean of the channels, of every member of the cut, then of the suns.
+    /// Of every lamp of the cut, then of the suns, the unshadowed irradiance by unit colour at the middle point; of every
+    /// branch its importance.
     expected: Vec<f64>,
     receivers: u32,
 }
@@ -153,37 +154,39 @@ impl Work<'_> {
         lights.tree.refine(&mut cut, CUT, &ball);
 
         let middle = &points[points.len() / 2];
-        let of_lamp = |lamp: u32| {
-            let lamp = &lights.lamps[lamp as usize];
-            lamp.unshadowed(middle) * sky::mean(lamp.colour)
-        };
+        let of_lamp = |lamp: u32| lights.lamps[lamp as usize].unshadowed(middle);
         expected.extend(cut.iter().map(|&b| lights.tree.lamp(b).map_or(b.importance as f64, of_lamp)));
         expected.extend(lights.suns.iter().map(|&s| of_lamp(s)));
-        let total: f64 = expected.iter().sum();
+        // What a branch expects has its lamps' colours in it already.
+        let weight = |i: usize, value: f64| {
+            let lamp = cut.get(i).map_or_else(|| Some(lights.suns[i - cut.len()]), |&b| lights.tree.lamp(b));
+            lamp.map_or(value, |lamp| value * sky::mean(lights.lamps[lamp as usize].colour))
+        };
+        let total: f64 = expected.iter().enumerate().map(|(i, &value)| weight(i, value)).sum();
 
         for (i, &value) in expected.iter().enumerate() {
-            let share = if total > 0.0 { value / total } else { 0.0 };
+            let share = if total > 0.0 { weight(i, value) / total } else { 0.0 };
             let all = self.numbers.len();
-            let n = ((share * all as f64).ceil() as usize).next_power_of_two().max(LEAST).min(all);
+            let n = ((share * all as f64).round() as usize).next_power_of_two().max(LEAST).min(all);
             let shift = sampling::hash(&[identity, i as u64]);
             match cut.get(i) {
                 Some(&branch) => match lights.tree.lamp(branch) {
-                    Some(lamp) => self.emit_lamp(lamp, points, n, shift),
+                    Some(lamp) => self.emit_lamp(lamp, value, points, n, shift),
                     None => self.emit_branch(branch, points, n, shift),
                 },
-                None => self.emit_lamp(lights.suns[i - cut.len()], points, n, shift),
+                None => self.emit_lamp(lights.suns[i - cut.len()], value, points, n, shift),
             }
         }
         self.scratch.cut = cut;
         self.scratch.expected = expected;
     }
 
-    /// `n` rays to one lamp: its exact irradiance times the share of it that arrives.
-    fn emit_lamp(&mut self, lamp: u32, points: &[SurfacePoint], n: usize, shift: u64) {
+    /// `n` rays to one lamp: its exact irradiance (`at_middle` by unit colour) times the share of it that arrives.
+    fn emit_lamp(&mut self, lamp: u32, at_middle: f64, points: &[SurfacePoint], n: usize, shift: u64) {
         let lamp = &self.lights.lamps[lamp as usize];
         let mut unshadowed = 0.0;
         if let [x] = points {
-            unshadowed = lamp.unshadowed(x);
+            unshadowed = at_middle;
             if unshadowed == 0.0 {
                 return;
             }
@@ -210,7 +213,8 @@ impl Work<'_> {
                 }
             }
         }
-        self.scratch.close(Sum::Share(lamp.colour * unshadowed as f32));
+        // A finite light times a share of nothing must be nothing.
+        self.scratch.close(Sum::Share((lamp.colour * unshadowed as f32).min(Vec3::MAX)));
     }
 
     /// `n` rays to lamps picked from a part of the tree.
@@ -221,11 +225,8 @@ impl Work<'_> {
             let [u, v, pick] = self.numbers.shifted(k, shift);
             let Some((lamp, probability)) = self.lights.tree.pick(branch, &Ball::point(x), pick) else { continue };
             let lamp = &self.lights.lamps[lamp as usize];
-            if lamp.unshadowed(x) == 0.0 {
-                continue;
-            }
             if let Some(aim) = lamp.sampler(x).aim(x, u, v) {
-                let colour = lamp.colour * (aim.weight / (probability * n as f64)) as f32;
+                let colour = lamp.colour * (aim.weight / (probability * n as f64)).min(f32::MAX as f64) as f32;
                 self.scratch.push(x, &aim, 1.0, colour);
             }
         }
@@ -301,7 +302,8 @@ impl Work<'_> {
                 }
                 Sum::Colours => range.filter(|&k| !s.occluded[k]).map(|k| s.colours[k]).sum(),
             };
-            out[group.receiver as usize] += arrived;
+            let sum = &mut out[group.receiver as usize];
+            *sum = (*sum + arrived).min(Vec3::MAX);
         }
         let rays = s.rays.len() as u64;
         s.clear();

@@ -36,7 +36,7 @@ pub(super) struct Polygon {
     count: usize,
     normal: Vec3,
     area: f32,
-    centre: Vec3,
+    /// Of the circle about the mean of the corners that holds them.
     radius: f32,
     both_sides: bool,
 }
@@ -92,7 +92,6 @@ impl Polygon {
             count,
             normal: cross.normalize().as_vec3(),
             area: area as f32,
-            centre: centre.as_vec3(),
             radius: radius as f32,
             both_sides,
         })
@@ -100,6 +99,16 @@ impl Polygon {
 
     fn relative_corners(&self, x: Vec3) -> [DVec3; 4] {
         self.corners.map(|c| c.as_dvec3() - x.as_dvec3())
+    }
+
+    /// Distance of `x` from the polygon; for a triangle that of its parallelogram.
+    fn distance(&self, x: Vec3) -> f32 {
+        let (u, v, d) = (self.corners[1] - self.corners[0], self.corners[3] - self.corners[0], x - self.corners[0]);
+        // The nearest point of an oblique parallelogram is not exactly at the clamped coordinates: near enough.
+        let (uu, uv, vv, du, dv) = (u.dot(u), u.dot(v), v.dot(v), d.dot(u), d.dot(v));
+        let det = uu * vv - uv * uv;
+        let (s, t) = ((du * vv - dv * uv) / det, (dv * uu - du * uv) / det);
+        (d - s.clamp(0.0, 1.0) * u - t.clamp(0.0, 1.0) * v).length()
     }
 
     /// Signed distance of `x` from the polygon's plane if light leaves towards it, else 0.
@@ -170,7 +179,14 @@ impl Lamp {
                     return 0.0;
                 }
                 let corners = p.relative_corners(x.position);
-                form::polygon(&corners[..p.count], normal)
+                let corners = &corners[..p.count];
+                let centre = corners.iter().sum::<DVec3>() / p.count as f64;
+                let reach = form::FAR * p.radius as f64;
+                if centre.length_squared() > reach * reach && corners.iter().all(|&c| normal.dot(c) > 0.0) {
+                    form::far_polygon(corners, normal)
+                } else {
+                    form::polygon(corners, normal)
+                }
             }
             Shape::Disc { centre, normal: axis, radius } => {
                 let centre = centre.as_dvec3() - x.position.as_dvec3();
@@ -197,13 +213,13 @@ impl Lamp {
     /// Prepares aiming from `x`.
     pub fn sampler(&self, x: &SurfacePoint) -> Sampler<'_> {
         if let Shape::Polygon(p) = &self.shape {
-            let towards = p.centre - x.position;
-            let height = x.normal.dot(towards);
-            // Near, or cut by the horizon: area sampling would waste most samples on points that count little.
-            let near = towards.length_squared() < NEAR * NEAR * p.radius * p.radius;
-            if near || height < p.radius {
-                let corners = p.relative_corners(x.position);
-                let above = form::Clipped::new(&corners[..p.count], x.normal.as_dvec3());
+            let corners = p.relative_corners(x.position);
+            // Near, area sampling would waste most samples on places that count little; cut by the horizon, on
+            // places that count nothing.
+            let normal = x.normal.as_dvec3();
+            let cut = corners.iter().any(|c| normal.dot(*c) < 0.0);
+            if cut || p.distance(x.position) < NEAR * p.radius {
+                let above = form::Clipped::new(&corners[..p.count], normal);
                 if let Some(sphere) = SphericalPolygon::new(above.corners()) {
                     return Sampler::Near(p, sphere);
                 }
@@ -249,8 +265,8 @@ impl Lamp {
     }
 }
 
-/// Up to how many radii from its centre a polygon is sampled by solid angle.
-const NEAR: f32 = 4.0;
+/// Within how many radii of itself a polygon is sampled by solid angle.
+const NEAR: f32 = 0.3;
 
 impl Sampler<'_> {
     /// A point of the lamp for the square's point (u, v), as seen by `x`; none where it gives no light.

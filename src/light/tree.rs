@@ -28,8 +28,8 @@ struct Node {
 #[derive(Clone, Copy, Debug)]
 enum Content {
     Lamp(u32),
-    /// The first child follows its parent.
-    SecondChild(u32),
+    /// The first of two nodes that stand side by side.
+    Children(u32),
 }
 
 /// What a receiver is to the tree: a ball of points with a cone of normals.
@@ -75,15 +75,15 @@ impl Tree {
             lamps.iter().enumerate().filter_map(|(i, l)| Some((i as u32, l.bounds()?))).collect();
         let mut tree = Tree { nodes: Vec::with_capacity(2 * items.len()) };
         if !items.is_empty() {
-            tree.build(&mut items);
+            tree.nodes.push(Node::EMPTY);
+            tree.build(0, &mut items);
         }
         tree
     }
 
-    fn build(&mut self, items: &mut [(u32, Bounds)]) -> Bounds {
-        let at = self.nodes.len();
+    fn build(&mut self, at: usize, items: &mut [(u32, Bounds)]) -> Bounds {
         if let [(lamp, bounds)] = items {
-            self.nodes.push(Node::new(bounds, Content::Lamp(*lamp)));
+            self.nodes[at] = Node::new(bounds, Content::Lamp(*lamp));
             return bounds.clone();
         }
         let middle = |b: &Bounds| b.low + b.high;
@@ -91,15 +91,14 @@ impl Tree {
         let high = items.iter().map(|(_, b)| middle(b)).fold(Vec3::NEG_INFINITY, Vec3::max);
         let axis = (high - low).max_position();
         let half = items.len() / 2;
-        // Ties are broken by the index: the tree must not depend on the order of equal items.
+        // Ties are broken by the index, so that the halves are always the same.
         items
             .select_nth_unstable_by(half, |a, b| middle(&a.1)[axis].total_cmp(&middle(&b.1)[axis]).then(a.0.cmp(&b.0)));
-        self.nodes.push(Node::new(&items[0].1, Content::Lamp(0)));
+        let children = self.nodes.len();
+        self.nodes.extend([Node::EMPTY; 2]);
         let (left, right) = items.split_at_mut(half);
-        let first = self.build(left);
-        let second_at = self.nodes.len() as u32;
-        let bounds = first.union(&self.build(right));
-        self.nodes[at] = Node::new(&bounds, Content::SecondChild(second_at));
+        let bounds = self.build(children, left).union(&self.build(children + 1, right));
+        self.nodes[at] = Node::new(&bounds, Content::Children(children as u32));
         bounds
     }
 
@@ -117,12 +116,12 @@ impl Tree {
     pub fn lamp(&self, branch: Branch) -> Option<u32> {
         match self.nodes[branch.node as usize].content {
             Content::Lamp(lamp) => Some(lamp),
-            Content::SecondChild(_) => None,
+            Content::Children(_) => None,
         }
     }
 
-    fn children(&self, branch: Branch, second: u32, receiver: &Ball) -> [Option<Branch>; 2] {
-        [self.branch(branch.node + 1, receiver), self.branch(second, receiver)]
+    fn children(&self, first: u32, receiver: &Ball) -> [Option<Branch>; 2] {
+        [self.branch(first, receiver), self.branch(first + 1, receiver)]
     }
 
     /// Splits the most important branches of `cut` until it holds `limit` of them or only lamps. Branches that give
@@ -134,8 +133,8 @@ impl Tree {
                 .max_by(|&i, &j| cut[i].importance.total_cmp(&cut[j].importance).then(j.cmp(&i)));
             let Some(i) = widest else { return };
             let branch = cut.swap_remove(i);
-            if let Content::SecondChild(second) = self.nodes[branch.node as usize].content {
-                cut.extend(self.children(branch, second, receiver).into_iter().flatten());
+            if let Content::Children(first) = self.nodes[branch.node as usize].content {
+                cut.extend(self.children(first, receiver).into_iter().flatten());
             }
         }
     }
@@ -144,11 +143,11 @@ impl Tree {
     pub fn pick(&self, branch: Branch, x: &Ball, mut u: f32) -> Option<(u32, f64)> {
         let (mut branch, mut probability) = (branch, 1.0_f64);
         loop {
-            let second = match self.nodes[branch.node as usize].content {
+            let first = match self.nodes[branch.node as usize].content {
                 Content::Lamp(lamp) => return Some((lamp, probability)),
-                Content::SecondChild(second) => second,
+                Content::Children(first) => first,
             };
-            branch = match self.children(branch, second, x) {
+            branch = match self.children(first, x) {
                 [None, None] => return None,
                 [Some(only), None] | [None, Some(only)] => only,
                 [Some(a), Some(b)] => {
@@ -169,6 +168,17 @@ impl Tree {
 }
 
 impl Node {
+    /// Holds a place until its children are known.
+    const EMPTY: Node = Node {
+        centre: Vec3::ZERO,
+        radius: 0.0,
+        axis: Vec3::ZERO,
+        cos_spread: 1.0,
+        sin_spread: 0.0,
+        strength: 0.0,
+        content: Content::Lamp(0),
+    };
+
     fn new(b: &Bounds, content: Content) -> Node {
         let (sin, cos) = b.spread.sin_cos();
         Node {
@@ -177,7 +187,7 @@ impl Node {
             radius: 0.5 * (b.high - b.low).length() * 1.000_01,
             axis: b.axis,
             cos_spread: cos,
-            sin_spread: if b.spread >= std::f32::consts::PI { 0.0 } else { sin },
+            sin_spread: sin.max(0.0),
             strength: (b.strength as f32).clamp(f32::MIN_POSITIVE, f32::MAX * 1e-6),
             content,
         }
@@ -191,17 +201,24 @@ impl Node {
         if d2 <= radius * radius {
             return self.strength / d2.max(0.25 * radius * radius).max(f32::MIN_POSITIVE);
         }
-        let d = d2.sqrt();
+        let per_d = d2.sqrt().recip();
         // Half-angle of the ball around the node, seen from the receiver.
-        let sin_ball = radius / d;
+        let sin_ball = radius * per_d;
         let cos_ball = (1.0 - sin_ball * sin_ball).max(0.0).sqrt();
+        let wide = |cos_spread: f32, sin_spread: f32| {
+            let sin = sin_ball * cos_spread + cos_ball * sin_spread;
+            // A sum of angles past pi has a negative sine: everything is within it.
+            if sin < 0.0 || cos_spread <= -1.0 {
+                (-1.0, 0.0)
+            } else {
+                (cos_ball * cos_spread - sin_ball * sin_spread, sin)
+            }
+        };
 
-        let cos = (receiver.normal.dot(v) / d).clamp(-1.0, 1.0);
-        let cos = closer(cos, cos_ball, sin_ball);
-        let at_receiver = closer(cos, receiver.cos_spread, receiver.sin_spread);
-        let cos = (-self.axis.dot(v) / d).clamp(-1.0, 1.0);
-        let cos = closer(cos, cos_ball, sin_ball);
-        let at_light = closer(cos, self.cos_spread, self.sin_spread);
+        let (cos_wide, sin_wide) = wide(receiver.cos_spread, receiver.sin_spread);
+        let at_receiver = closer(receiver.normal.dot(v) * per_d, cos_wide, sin_wide);
+        let (cos_wide, sin_wide) = wide(self.cos_spread, self.sin_spread);
+        let at_light = closer(-self.axis.dot(v) * per_d, cos_wide, sin_wide);
         // A margin for rounding: the horizon itself gives no light anyway.
         if at_receiver <= -1e-5 || at_light <= -1e-5 {
             return 0.0;

@@ -13,8 +13,8 @@ use crate::{
 const RADIUS: f32 = 1.5;
 /// How far, in voxels, a patch may stand off the smooth surface through the point.
 const STEP: f32 = 0.25;
-/// Most neighbours of a point.
-const MOST: usize = 48;
+/// Most neighbours of a point: those of the largest weight. A plane has 7 to 9 within the radius.
+const MOST: usize = 16;
 /// Height, in voxels, at which points look for each other.
 const LIFT: f32 = 0.02;
 
@@ -54,7 +54,7 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
     let patches = field.patches();
     let begin = out.len();
     field.index.near(point.position, RADIUS, |j| {
-        if !field.known[j] || out.len() - begin == MOST {
+        if !field.known[j] {
             return;
         }
         let normal = patches.normal[j];
@@ -71,6 +71,12 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
         let weight = (1.0 - distance * distance).powi(2) * (1.0 - step * step).powi(2);
         out.push(Neighbour { patch: j as u32, weight });
     });
+    let own = &mut out[begin..];
+    if own.len() > MOST {
+        own.select_nth_unstable_by(MOST, |a, b| b.weight.total_cmp(&a.weight).then(a.patch.cmp(&b.patch)));
+        own[..MOST].sort_unstable_by_key(|n| n.patch);
+        out.truncate(begin + MOST);
+    }
 }
 
 /// Takes the weight from neighbours that the point does not see. Surfaces that face like the point do not block, or

@@ -439,7 +439,8 @@ impl Builder {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for &(m, t) in kept {
             let corners = self.meshes[m as usize].corners(t as usize);
-            if height(corners) > 0.0 {
+            // Thinner ones will be dropped in any frame that they fit in; they shall not blow it up.
+            if height(corners) > 0.5 * THINNEST * longest(corners) {
                 for p in corners {
                     low = low.min(p);
                     high = high.max(p);
@@ -475,8 +476,9 @@ impl Builder {
                 local.resize(mesh.positions.len(), u32::MAX);
             }
             let corners = mesh.corners(t as usize).map(|p| frame.to_local(p));
-            // Negated, so that NaN would be dropped.
-            if !(height(corners.map(Vec3::as_dvec3)) > THINNEST) {
+            // A triangle without area may lie outside the frame, even beyond f32.
+            let height = height(corners.map(Vec3::as_dvec3));
+            if height.is_nan() || height <= THINNEST {
                 dropped.zero_area += 1;
                 if examples.len() < 3 {
                     examples.push(mesh.describe(t as usize));
@@ -634,8 +636,13 @@ fn shading_normals(flat: Vec3, given: [Vec3; 3]) -> [Vec3; 3] {
 
 /// Twice the area over the longest edge; 0 for a point.
 fn height([a, b, c]: [DVec3; 3]) -> f64 {
-    let longest = (b - a).length().max((c - b).length()).max((a - c).length());
+    let longest = longest([a, b, c]);
     if longest == 0.0 { 0.0 } else { ((b - a) / longest).cross((c - a) / longest).length() * longest }
+}
+
+/// The longest edge.
+fn longest([a, b, c]: [DVec3; 3]) -> f64 {
+    (b - a).length().max((c - b).length()).max((a - c).length())
 }
 
 fn finite(v: Vec3) -> Vec3 {

@@ -210,7 +210,7 @@ fn one() -> f32 {
 pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<FileSettings> {
     let text = std::fs::read_to_string(file).map_err(|e| Error::io(file, e))?;
     let scene: SceneFile = toml::from_str(&text).map_err(|e| {
-        let line = e.span().map(|s| format!("line {}", text[..s.start].lines().count().max(1)));
+        let line = e.span().map(|s| format!("line {}", 1 + text[..s.start].matches('\n').count()));
         Error::input(file, line.unwrap_or_default(), e.message())
     })?;
     let wrong = |place: String, message: String| Error::input(file, place, message);
@@ -233,7 +233,7 @@ pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<FileSettings> {
     }
     for (i, entry) in scene.light.into_iter().enumerate() {
         let place = || format!("[[light]] {}", i + 1);
-        let light = entry.to_light(path::folder(file)).map_err(|m| wrong(place(), m))?;
+        let light = entry.into_light(path::folder(file)).map_err(|m| wrong(place(), m))?;
         if let Some(problem) = light.problem() {
             return Err(wrong(place(), problem));
         }
@@ -311,7 +311,7 @@ impl MaterialEntry {
 }
 
 impl LightEntry {
-    fn to_light(self, folder: &Path) -> std::result::Result<WorldLight, String> {
+    fn into_light(self, folder: &Path) -> std::result::Result<WorldLight, String> {
         Ok(match self {
             LightEntry::Rectangle { corner, edge_u, edge_v, radiance } => WorldLight::Rectangle {
                 corner: corner.into(),

@@ -3,8 +3,10 @@
 use glam::{DVec3, Vec2, Vec3};
 
 mod builder;
+pub mod check;
 mod coincident;
 mod environment;
+mod facing;
 mod file;
 mod gltf;
 mod gltf_data;
@@ -18,17 +20,20 @@ mod obj;
 mod obj_scan;
 mod path;
 mod polygon;
+mod shell;
 pub mod sides;
+mod topology;
 mod weld;
 mod world_light;
 
 pub use builder::{Builder, Dropped, Mark, Opacity, RawMaterial, RawMesh};
+pub use check::{MaterialCheck, SceneCheck};
 pub use file::FileSettings;
 pub use image::OpacityMap;
 pub use light::Light;
 pub use load::{SceneOverrides, load};
 pub use material::{Material, Texture};
-pub use sides::{SideDecision, SidesRule};
+pub use sides::{SideDecision, SideKind, SidesRule};
 pub use world_light::WorldLight;
 
 use crate::trace::Geometry;
@@ -190,6 +195,21 @@ impl Scene {
                 m.emission * mean / 64.0
             }
             _ => m.emission,
+        }
+    }
+
+    /// Turns triangle `t` around, so that its back becomes its front.
+    pub(crate) fn turn(&mut self, t: usize) {
+        self.triangles[t].vertices.swap(1, 2);
+        if let Some(normals) = self.corners.normals.get_mut(t) {
+            normals.swap(1, 2);
+            *normals = normals.map(|n| -n);
+        }
+        if let Some(uvs) = self.corners.uvs.get_mut(t) {
+            uvs.swap(1, 2);
+        }
+        if let Some(colours) = self.corners.colours.get_mut(t) {
+            colours.swap(1, 2);
         }
     }
 

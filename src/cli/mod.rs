@@ -1,0 +1,90 @@
+//! The command line: one file a subcommand.
+
+use std::{
+    io::{self, Write},
+    panic::{self, AssertUnwindSafe, PanicHookInfo},
+    process::ExitCode,
+    sync::Mutex,
+};
+
+use clap::{Parser, Subcommand};
+
+mod args;
+mod bake;
+mod check;
+mod parse;
+mod points;
+mod progress;
+
+/// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
+///
+/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 101 a bug of luxel.
+#[derive(Parser, Debug)]
+#[command(name = "luxel", version, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    /// Bake a scene: light of vertices and patches, pictures, a report
+    Bake(bake::Args),
+    /// Tell what a scene holds and what a bake would take, without tracing a ray
+    Check(check::Args),
+    /// Irradiance at given points
+    Points(points::Args),
+}
+
+/// Exit code of a bug, as of any panic of a Rust program.
+const BUG: u8 = 101;
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    // Usage errors end here, with code 2.
+    let cli = Cli::parse();
+    let last_words = remember_panics();
+    // Nothing of the unwound state is used again.
+    let result = panic::catch_unwind(AssertUnwindSafe(|| match &cli.command {
+        Command::Bake(args) => bake::run(args),
+        Command::Check(args) => check::run(args),
+        Command::Points(args) => points::run(args),
+    }));
+    match result {
+        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Err(error)) => {
+            complain(&error.to_string());
+            ExitCode::FAILURE
+        }
+        Err(_) => {
+            let words = last_words.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone();
+            complain(&format!(
+                "this is a bug of luxel {}, please report it with the command and the scene: {words}",
+                env!("CARGO_PKG_VERSION")
+            ));
+            ExitCode::from(BUG)
+        }
+    }
+}
+
+/// Has panics keep their message instead of printing it: the ones that end the program are told by [`main`], those
+/// that a caller deals with (readers of broken files) concern nobody.
+fn remember_panics() -> &'static Mutex<String> {
+    static LAST: Mutex<String> = Mutex::new(String::new());
+    panic::set_hook(Box::new(|info: &PanicHookInfo| {
+        if let Ok(mut last) = LAST.lock() {
+            *last = info.to_string().replace('\n', " ");
+        }
+    }));
+    &LAST
+}
+
+fn complain(message: &str) {
+    // Where stderr is gone there is nobody to tell.
+    writeln!(io::stderr(), "luxel: {message}").ok();
+}
+
+/// Prints to stdout; a reader that has gone away (`| head`) is no error.
+fn say(text: &str) {
+    io::stdout().write_all(text.as_bytes()).ok();
+}

@@ -1,0 +1,164 @@
+//! Values of the command line, with messages that say what would be right.
+
+use std::str::FromStr;
+
+use glam::{DVec3, Vec3};
+
+type Parsed<T> = Result<T, String>;
+
+/// A finite number.
+pub fn number(text: &str) -> Parsed<f64> {
+    match text.trim().parse::<f64>() {
+        Ok(x) if x.is_finite() => Ok(x),
+        Ok(_) => Err(format!("{} is not finite", text.trim())),
+        Err(_) => Err(format!("{:?} is not a number", text.trim())),
+    }
+}
+
+/// A number above zero.
+pub fn positive(text: &str) -> Parsed<f64> {
+    let x = number(text)?;
+    if x > 0.0 { Ok(x) } else { Err("must be above 0".into()) }
+}
+
+/// A number above zero that single precision holds.
+pub fn positive_f32(text: &str) -> Parsed<f32> {
+    let x = positive(text)? as f32;
+    if x > 0.0 && x.is_finite() { Ok(x) } else { Err("is out of the range of single precision".into()) }
+}
+
+/// An angle between normals, degrees.
+pub fn threshold(text: &str) -> Parsed<f32> {
+    let x = number(text)? as f32;
+    if x > 0.0 && x <= 90.0 { Ok(x) } else { Err("must be above 0 and at most 90 degrees".into()) }
+}
+
+/// A vertical angle of view, degrees.
+pub fn view_angle(text: &str) -> Parsed<f64> {
+    let x = number(text)?;
+    if (1.0..=170.0).contains(&x) { Ok(x) } else { Err("must be from 1 to 170 degrees".into()) }
+}
+
+/// Voxels on the longest side.
+pub fn grid(text: &str) -> Parsed<u32> {
+    whole(text, 2, 4096)
+}
+
+/// Rays a patch.
+pub fn rays(text: &str) -> Parsed<u32> {
+    let rays: u32 = whole(text, 16, 65536)?;
+    if rays.is_power_of_two() {
+        Ok(rays)
+    } else {
+        let below = 1 << rays.ilog2();
+        Err(format!("must be a power of two, such as {below} or {}", 2 * below))
+    }
+}
+
+/// Shadow rays a point.
+pub fn samples(text: &str) -> Parsed<u32> {
+    whole(text, 1, 65536)
+}
+
+/// Threads of a pool.
+pub fn threads(text: &str) -> Parsed<usize> {
+    whole(text, 1, 4096)
+}
+
+/// Width and height of a picture, `640x480`.
+pub fn size(text: &str) -> Parsed<(u32, u32)> {
+    let (width, height) = text.split_once(['x', 'X']).ok_or("expected WIDTHxHEIGHT, such as 640x480")?;
+    Ok((whole(width, 1, 16384)?, whole(height, 1, 16384)?))
+}
+
+/// `R,G,B`, none below zero.
+pub fn colour(text: &str) -> Parsed<Vec3> {
+    let rgb = triple(text, "R,G,B")?.as_vec3();
+    if !rgb.is_finite() {
+        Err("is out of the range of single precision".into())
+    } else if rgb.min_element() < 0.0 {
+        Err("light cannot be negative".into())
+    } else {
+        Ok(rgb)
+    }
+}
+
+/// `X,Y,Z`, not all zero.
+pub fn direction(text: &str) -> Parsed<DVec3> {
+    let d = triple(text, "X,Y,Z")?;
+    if d == DVec3::ZERO { Err("a direction cannot be 0,0,0".into()) } else { Ok(d) }
+}
+
+/// `X,Y,Z:R,G,B`, a direction with a colour.
+pub fn sun(text: &str) -> Parsed<(DVec3, Vec3)> {
+    let (d, rgb) = halves(text, ':', "X,Y,Z:R,G,B")?;
+    Ok((direction(d)?, colour(rgb)?))
+}
+
+/// `X,Y,Z:R,G,B`, a position with a colour.
+pub fn point(text: &str) -> Parsed<(DVec3, Vec3)> {
+    let (p, rgb) = halves(text, ':', "X,Y,Z:R,G,B")?;
+    Ok((triple(p, "X,Y,Z")?, colour(rgb)?))
+}
+
+/// `MATERIAL=R,G,B`; the name may itself hold a `=`.
+pub fn emit(text: &str) -> Parsed<(String, Vec3)> {
+    let (name, rgb) = text.rsplit_once('=').ok_or("expected MATERIAL=R,G,B")?;
+    if name.is_empty() { Err("expected MATERIAL=R,G,B".into()) } else { Ok((name.into(), colour(rgb)?)) }
+}
+
+/// `X,Y,Z:X,Y,Z`, two different positions.
+pub fn view(text: &str) -> Parsed<(DVec3, DVec3)> {
+    let (from, to) = halves(text, ':', "X,Y,Z:X,Y,Z")?;
+    let (from, to) = (triple(from, "X,Y,Z")?, triple(to, "X,Y,Z")?);
+    if from == to { Err("a camera cannot look at its own position".into()) } else { Ok((from, to)) }
+}
+
+fn halves<'a>(text: &'a str, by: char, form: &str) -> Parsed<(&'a str, &'a str)> {
+    text.split_once(by).ok_or_else(|| format!("expected {form}"))
+}
+
+fn triple(text: &str, form: &str) -> Parsed<DVec3> {
+    let numbers = text.split(',').map(number).collect::<Parsed<Vec<f64>>>()?;
+    let three: [f64; 3] =
+        numbers.try_into().map_err(|v: Vec<f64>| format!("expected {form}, three numbers, not {}", v.len()))?;
+    Ok(three.into())
+}
+
+fn whole<T: FromStr + PartialOrd + std::fmt::Display>(text: &str, least: T, most: T) -> Parsed<T> {
+    match text.trim().parse::<T>() {
+        Ok(n) if n >= least && n <= most => Ok(n),
+        _ => Err(format!("must be a whole number from {least} to {most}")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lights_are_read_with_negative_numbers_and_blanks() {
+        assert_eq!(sun("-1,-2.5,0:1,2,3e1"), Ok((DVec3::new(-1.0, -2.5, 0.0), Vec3::new(1.0, 2.0, 30.0))));
+        assert_eq!(point("0, -1, 2 : 1, 1, 1"), Ok((DVec3::new(0.0, -1.0, 2.0), Vec3::ONE)));
+        assert_eq!(emit("lamp=a=1,2,3"), Ok(("lamp=a".into(), Vec3::new(1.0, 2.0, 3.0))));
+    }
+
+    #[test]
+    fn wrong_values_are_told_what_would_be_right() {
+        let message = |r: Parsed<()>| r.unwrap_err();
+        assert_eq!(message(rays("100").map(drop)), "must be a power of two, such as 64 or 128");
+        assert_eq!(message(rays("8").map(drop)), "must be a whole number from 16 to 65536");
+        assert_eq!(message(grid("1").map(drop)), "must be a whole number from 2 to 4096");
+        assert_eq!(message(colour("1,2").map(drop)), "expected R,G,B, three numbers, not 2");
+        assert_eq!(message(colour("1,nan,2").map(drop)), "nan is not finite");
+        assert_eq!(message(colour("1,-1,2").map(drop)), "light cannot be negative");
+        assert_eq!(message(colour("1e39,0,0").map(drop)), "is out of the range of single precision");
+        assert_eq!(message(sun("0,0,0:1,1,1").map(drop)), "a direction cannot be 0,0,0");
+        assert_eq!(message(sun("0,1,0").map(drop)), "expected X,Y,Z:R,G,B");
+        assert_eq!(message(emit("1,1,1").map(drop)), "expected MATERIAL=R,G,B");
+        assert_eq!(message(positive("-0").map(drop)), "must be above 0");
+        assert_eq!(message(size("640").map(drop)), "expected WIDTHxHEIGHT, such as 640x480");
+        assert_eq!(message(number("1,5").map(drop)), "\"1,5\" is not a number");
+        assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
+    }
+}

@@ -1,0 +1,161 @@
+//! Output files that are whole or absent: written beside their place, moved there together at the end.
+
+use std::{
+    fs::{self, File},
+    io::{self, BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use crate::{Error, Result};
+
+/// A set of output files of one folder.
+///
+/// Every file is written under a temporary name in the folder. [`Staged::commit`] moves all of them to their places,
+/// so a failed run leaves what was there before. Dropping without a commit removes the temporary files, and the
+/// folder too if [`Staged::open`] made it.
+pub struct Staged {
+    folder: PathBuf,
+    /// Folders that were made, outermost first.
+    made: Vec<PathBuf>,
+    /// (temporary, final) paths.
+    files: Vec<(PathBuf, PathBuf)>,
+}
+
+impl Staged {
+    /// Makes the folder if it is missing, and proves that files can be written in it: a long computation should not
+    /// fail at its end for want of rights.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the folder's path: it is a file, or cannot be made or written.
+    pub fn open(folder: &Path) -> Result<Staged> {
+        let mut staged = Staged { folder: folder.into(), made: Vec::new(), files: Vec::new() };
+        if folder.exists() && !folder.is_dir() {
+            return Err(Error::io(folder, io::Error::other("is a file; an output folder was expected")));
+        }
+        let missing: Vec<&Path> = folder.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
+        for path in missing.into_iter().rev() {
+            fs::create_dir(path).map_err(|e| Error::io(path, e))?;
+            staged.made.push(path.into());
+        }
+        let probe = staged.temporary("probe");
+        let written = File::create(&probe).map_err(|e| Error::io(folder, e));
+        fs::remove_file(&probe).ok();
+        written.map(|_| staged)
+    }
+
+    /// Writes the file `name` with `fill` and flushes it to the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the file's final path.
+    pub fn write(&mut self, name: &str, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+        self.write_path(name, |path| {
+            let written = || {
+                let mut out = BufWriter::with_capacity(1 << 16, File::create(path)?);
+                fill(&mut out)?;
+                out.into_inner()?.sync_all()
+            };
+            written().map_err(|e| Error::io(path, e))
+        })
+    }
+
+    /// Has `write` make the file `name` at the path that it is given.
+    ///
+    /// # Errors
+    /// Those of `write`, with the final path instead of the temporary one.
+    pub fn write_path(&mut self, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+        let (temporary, target) = (self.temporary(name), self.folder.join(name));
+        // Listed first, so that the drop removes what a failure leaves.
+        self.files.push((temporary.clone(), target.clone()));
+        write(&temporary).map_err(|e| match e {
+            Error::Io { source, .. } => Error::io(target, source),
+            other => other,
+        })
+    }
+
+    /// Moves all files to their places; returns these.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the final path of the file that could not be moved.
+    pub fn commit(mut self) -> Result<Vec<PathBuf>> {
+        for (temporary, target) in &self.files {
+            fs::rename(temporary, target).map_err(|e| Error::io(target, e))?;
+        }
+        self.made.clear();
+        Ok(std::mem::take(&mut self.files).into_iter().map(|(_, target)| target).collect())
+    }
+
+    fn temporary(&self, name: &str) -> PathBuf {
+        self.folder.join(format!(".{name}.{}.tmp", std::process::id()))
+    }
+}
+
+impl Drop for Staged {
+    fn drop(&mut self) {
+        for (temporary, _) in &self.files {
+            fs::remove_file(temporary).ok();
+        }
+        for folder in self.made.iter().rev() {
+            fs::remove_dir(folder).ok();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn files_appear_together_at_the_commit() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("a/b");
+        let mut staged = Staged::open(&folder).unwrap();
+        staged.write("one", |w| w.write_all(b"1")).unwrap();
+        staged.write("two", |w| w.write_all(b"22")).unwrap();
+        assert!(!folder.join("one").exists());
+        staged.commit().unwrap();
+        assert_eq!(names(&folder), ["one", "two"]);
+        assert_eq!(fs::read(folder.join("two")).unwrap(), b"22");
+    }
+
+    #[test]
+    fn a_failure_leaves_the_old_file_and_no_litter() {
+        let root = tempfile::tempdir().unwrap();
+        fs::write(root.path().join("one"), "old").unwrap();
+        let mut staged = Staged::open(root.path()).unwrap();
+        staged.write("one", |w| w.write_all(b"new")).unwrap();
+        let error = staged.write("two", |w| {
+            w.write_all(b"half")?;
+            Err(io::Error::new(io::ErrorKind::StorageFull, "no space left"))
+        });
+        let message = error.unwrap_err().to_string();
+        assert!(message.ends_with("two: no space left"), "{message}");
+        drop(staged);
+        assert_eq!(names(root.path()), ["one"]);
+        assert_eq!(fs::read(root.path().join("one")).unwrap(), b"old");
+    }
+
+    #[test]
+    fn folders_that_were_made_vanish_without_a_commit() {
+        let root = tempfile::tempdir().unwrap();
+        let mut staged = Staged::open(&root.path().join("a/b")).unwrap();
+        staged.write("one", |w| w.write_all(b"1")).unwrap();
+        drop(staged);
+        assert!(names(root.path()).is_empty());
+    }
+
+    #[test]
+    fn a_file_in_the_folders_place_is_an_error_that_says_so() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("file");
+        fs::write(&path, "x").unwrap();
+        let message = Staged::open(&path).err().unwrap().to_string();
+        assert!(message.contains("file: is a file"), "{message}");
+    }
+}

@@ -1,0 +1,220 @@
+//! `bake.json` and what a terminal shows of it.
+
+use std::{
+    fmt::Write as _,
+    io::{self, Write},
+};
+
+use serde::Serialize;
+
+use crate::{
+    Scene,
+    report::{Energy, Report},
+    scene::Camera,
+};
+
+/// The content of `bake.json`; docs/BAKE_JSON.md describes every field.
+#[derive(Serialize)]
+pub struct Record<'a> {
+    /// The command line.
+    pub command: &'a [String],
+    /// Name of the scene.
+    pub scene: &'a str,
+    /// What the bake measured.
+    #[serde(flatten)]
+    pub report: &'a Report,
+    /// How the pictures were made; `None` without pictures.
+    pub preview: Option<PreviewRecord>,
+}
+
+/// How the pictures were made.
+#[derive(Serialize)]
+pub struct PreviewRecord {
+    /// Pixels of a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Factor on radiance before the tone curve.
+    pub exposure: f32,
+    /// World position of the eye.
+    pub position: [f64; 3],
+    /// World position that it looks at.
+    pub target: [f64; 3],
+    /// Which way is up.
+    pub up: [f64; 3],
+    /// Vertical angle of view, degrees.
+    pub vertical_fov: f64,
+}
+
+impl PreviewRecord {
+    /// Of a picture of `width` x `height` pixels from `camera`.
+    pub fn new(camera: &Camera, (width, height): (u32, u32), exposure: f32) -> PreviewRecord {
+        PreviewRecord {
+            width,
+            height,
+            exposure,
+            position: camera.position.to_array(),
+            target: camera.target.to_array(),
+            up: camera.up.to_array(),
+            vertical_fov: camera.vertical_fov,
+        }
+    }
+}
+
+impl Record<'_> {
+    /// Writes indented JSON. Numbers that are not finite become `null`.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        serde_json::to_writer_pretty(&mut *out, self)?;
+        writeln!(out)
+    }
+}
+
+/// A few lines for the reader of a terminal.
+pub fn summary(scene: &Scene, report: &Report) -> String {
+    let (c, r) = (&report.counts, &report.rays);
+    let mut text = String::new();
+    let mut line = |name: &str, value: String| {
+        // Writing to a String cannot fail.
+        writeln!(text, "{name:<14}{value}").ok();
+    };
+    line("scene", format!("{}: {} triangles", scene.name, c.triangles));
+    line("backend", format!("{}, {} threads", report.backend, report.threads));
+    line(
+        "patches",
+        format!("{} of which light reaches {}; voxel {}", c.patches, c.patches_reached, short(c.voxel_size)),
+    );
+    line("vertices", c.vertices.to_string());
+    line(
+        "form factors",
+        format!(
+            "{} in {}; {} rays at {} Mrays/s",
+            c.form_factors,
+            bytes(c.form_factor_bytes as u64),
+            r.form_factors,
+            short(r.form_factor_mrays_per_second)
+        ),
+    );
+    line("other rays", r.visibility.to_string());
+    line(
+        "solver",
+        format!(
+            "{}, {} iterations, residual {}",
+            report.solver.method,
+            report.solver.iterations,
+            short(report.solver.residual)
+        ),
+    );
+    line("power", energy(&report.energy));
+    let stages: Vec<String> = report.stages.iter().map(|s| format!("{} {:.2}", s.name, s.seconds)).collect();
+    let total: f64 = report.stages.iter().map(|s| s.seconds).sum();
+    line("seconds", format!("{total:.2}: {}", stages.join(", ")));
+    if report.peak_memory_bytes > 0 {
+        line("peak memory", bytes(report.peak_memory_bytes));
+    }
+    for skipped in &report.skipped {
+        line(
+            "skipped",
+            format!("{} ({} patches, {} rays; {})", skipped.what, skipped.patches, skipped.rays, skipped.error),
+        );
+    }
+    for warning in &report.warnings {
+        line("warning", warning.clone());
+    }
+    text
+}
+
+fn energy(e: &Energy) -> String {
+    let sum = |rgb: [f64; 3]| short(rgb.iter().sum());
+    let worst = e.imbalance.iter().fold(0.0, |w: f64, x| if x.abs() > w.abs() { *x } else { w });
+    let (direct, absorbed, escaped) = (sum(e.direct), sum(e.absorbed), sum(e.escaped));
+    format!("direct {direct} W, absorbed {absorbed} W, escaped {escaped} W, imbalance {:.2} %", 100.0 * worst)
+}
+
+/// Four significant digits, with an exponent for what is very large or small.
+fn short(x: f64) -> String {
+    if x != 0.0 && !(1e-3..1e7).contains(&x.abs()) {
+        return format!("{x:.3e}");
+    }
+    let before = if x == 0.0 { 1 } else { x.abs().log10().floor() as i32 + 1 };
+    format!("{x:.*}", (4 - before).clamp(0, 6) as usize)
+}
+
+fn bytes(n: u64) -> String {
+    match n {
+        0..1_000 => format!("{n} B"),
+        1_000..1_000_000 => format!("{:.1} kB", n as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} MB", n as f64 / 1e6),
+        _ => format!("{:.2} GB", n as f64 / 1e9),
+    }
+}
+
+/// Largest resident memory of this process so far, bytes; 0 where the system does not tell (`/proc/self/status`).
+pub fn peak_memory_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let kib = status.lines().find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse().ok());
+    kib.map_or(0, |kib: u64| kib * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{BakeOptions, report::Stage};
+
+    #[test]
+    fn the_record_is_flat_json_with_the_command() {
+        let report = Report {
+            version: "9.9".into(),
+            settings: Some(BakeOptions::default()),
+            stages: vec![Stage { name: "solve", seconds: 0.5 }],
+            energy: Energy { imbalance: [f64::NAN, 0.0, 0.0], ..Default::default() },
+            ..Default::default()
+        };
+        let command = ["luxel".to_string(), "bake".into()];
+        let mut file = Vec::new();
+        Record { command: &command, scene: "box", report: &report, preview: None }.write(&mut file).unwrap();
+        let json: serde_json::Value = serde_json::from_slice(&file).unwrap();
+        assert_eq!(json["command"][1], "bake");
+        assert_eq!((&json["version"], &json["scene"]), (&"9.9".into(), &"box".into()));
+        assert_eq!(json["settings"]["resolution"]["grid"], 64);
+        assert_eq!(json["stages"][0]["seconds"], 0.5);
+        assert!(json["energy"]["imbalance"][0].is_null() && json["preview"].is_null());
+    }
+
+    #[test]
+    fn every_field_of_the_record_is_documented() {
+        let report = Report { settings: Some(BakeOptions::default()), ..Default::default() };
+        let camera = Camera {
+            position: Default::default(),
+            target: Default::default(),
+            up: Default::default(),
+            vertical_fov: 40.0,
+        };
+        let preview = Some(PreviewRecord::new(&camera, (1, 1), 1.0));
+        let json = serde_json::to_value(Record { command: &[], scene: "", report: &report, preview }).unwrap();
+        let page = include_str!("../../docs/BAKE_JSON.md");
+        let mut left = vec![&json];
+        while let Some(value) = left.pop() {
+            for (key, inner) in value.as_object().into_iter().flatten() {
+                assert!(page.contains(&format!("`{key}`")), "docs/BAKE_JSON.md lacks `{key}`");
+                left.push(inner);
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let shown = [0.0, 0.0123456, 1.0, 12.3456, 123456.7, 1e9, -1e-5].map(short);
+        assert_eq!(shown, ["0.000", "0.01235", "1.000", "12.35", "123457", "1.000e9", "-1.000e-5"]);
+        assert_eq!([bytes(999), bytes(1_500), bytes(2_000_000_000)], ["999 B", "1.5 kB", "2.00 GB"]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn memory_that_was_used_counts() {
+        let block = std::hint::black_box(vec![1u8; 50_000_000]);
+        assert!(peak_memory_bytes() > block.len() as u64);
+    }
+}

@@ -1,0 +1,280 @@
+//! The command line, as a user meets it.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use tempfile::TempDir;
+
+/// A room of 2 x 2 x 2 with a lamp under its ceiling, seen from inside.
+const ROOM_OBJ: &str = "\
+mtllib room.mtl
+v -1 -1 -1
+v 1 -1 -1
+v 1 -1 1
+v -1 -1 1
+v -1 1 -1
+v 1 1 -1
+v 1 1 1
+v -1 1 1
+v -0.3 0.9 -0.3
+v 0.3 0.9 -0.3
+v 0.3 0.9 0.3
+v -0.3 0.9 0.3
+usemtl wall
+f 4 3 2 1
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 3 4 8 7
+f 4 1 5 8
+usemtl lamp
+f 9 10 11 12
+";
+const ROOM_MTL: &str = "newmtl wall\nKd 0.5 0.4 0.3\nnewmtl lamp\nKd 0 0 0\nKe 5 5 5\n";
+/// Settings that bake the room in a moment.
+const QUICK: [&str; 6] = ["--grid", "6", "--rays", "16", "--point-samples", "4"];
+
+fn room() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("room.obj");
+    fs::write(&scene, ROOM_OBJ).unwrap();
+    fs::write(folder.path().join("room.mtl"), ROOM_MTL).unwrap();
+    (folder, scene)
+}
+
+fn luxel(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luxel")).args(args).output().unwrap()
+}
+
+fn bake(scene: &Path, output: &Path, more: &[&str]) -> Output {
+    let paths = ["bake", scene.to_str().unwrap(), "-o", output.to_str().unwrap()];
+    luxel(&[&paths, &QUICK[..], more].concat())
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn help_names_the_commands_and_every_bake_option() {
+    let top = luxel(&["--help"]);
+    assert!(top.status.success());
+    for command in ["bake", "check", "points"] {
+        assert!(stdout(&top).contains(&format!("  {command}")), "{}", stdout(&top));
+        let help = luxel(&[command, "--help"]);
+        assert!(help.status.success());
+        for option in [
+            "--grid",
+            "--voxel",
+            "--patches",
+            "--rays",
+            "--reconstruct",
+            "--primary",
+            "--backend",
+            "--sides",
+            "--seed",
+            "--threads",
+            "--normal-threshold",
+            "--point-samples",
+            "--patch-samples",
+            "--tolerance",
+            "--face-colour",
+            "--no-skip",
+            "--sky",
+            "--sun",
+            "--point",
+            "--emit",
+            "--environment",
+            "--quiet",
+            "--json-progress",
+        ] {
+            assert!(stdout(&help).contains(option), "luxel {command} --help lacks {option}");
+        }
+    }
+}
+
+#[test]
+fn wrong_usage_exits_with_2_and_says_what_would_be_right() {
+    let cases: [(&[&str], &str); 12] = [
+        (&[], "Usage"),
+        (&["roast"], "unrecognized subcommand"),
+        (&["bake", "a.obj"], "--output"),
+        (&["bake", "a.obj", "-o", "x", "--rays", "100"], "a power of two, such as 64 or 128"),
+        (&["bake", "a.obj", "-o", "x", "--rays", "-1"], "a whole number from 16 to 65536"),
+        (&["bake", "a.obj", "-o", "x", "--grid", "5000"], "a whole number from 2 to 4096"),
+        (&["bake", "a.obj", "-o", "x", "--grid", "8", "--voxel", "1"], "cannot be used with"),
+        (&["bake", "a.obj", "-o", "x", "--voxel", "-1"], "must be above 0"),
+        (&["bake", "a.obj", "-o", "x", "--backend", "gpu"], "auto, embree, bvh, brute"),
+        (&["bake", "a.obj", "-o", "x", "--sun", "0,0,0:1,1,1"], "a direction cannot be 0,0,0"),
+        (&["check", "a.obj", "--sky", "1,inf,1"], "inf is not finite"),
+        (&["points", "a.obj", "-o", "x"], "--at"),
+    ];
+    for (args, expected) in cases {
+        let output = luxel(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{args:?}: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_missing_scene_exits_with_1_and_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = bake(&folder.path().join("none.obj"), &folder.path().join("out"), &[]);
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(message.starts_with("luxel: ") && message.contains("none.obj"), "{message}");
+    assert!(!message.contains("panicked") && message.lines().count() == 1, "{message}");
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+fn a_bake_makes_its_folder_and_all_files() {
+    let (folder, scene) = room();
+    let out = folder.path().join("a/b");
+    let output = bake(&scene, &out, &["--preview-size", "16x12", "--sun", "-1,-2,-0.5:1,1,1"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let expected = [
+        "1-direct.png",
+        "2-patches.png",
+        "3-secondary.png",
+        "4-combined.png",
+        "bake.json",
+        "lit.glb",
+        "patches.ply",
+        "preview.exr",
+        "vertices.ply",
+    ];
+    assert_eq!(names(&out), expected);
+    let json: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bake.json")).unwrap()).unwrap();
+    assert_eq!(json["settings"]["resolution"]["grid"], 6);
+    assert_eq!(json["preview"]["width"], 16);
+    assert!(json["peak_memory_bytes"].as_u64().unwrap() > 0);
+    let picture = image::open(out.join("4-combined.png")).unwrap().into_rgb8();
+    assert_eq!(picture.dimensions(), (16, 12));
+    assert!(picture.pixels().any(|p| p.0 != [0; 3]), "the room is black");
+    let document = gltf::Gltf::open(out.join("lit.glb")).unwrap();
+    assert_eq!(document.meshes().count(), 1);
+    assert!(stdout(&output).contains("patches"), "{}", stdout(&output));
+}
+
+#[test]
+fn both_kinds_of_patches_and_no_pictures_work_together() {
+    let (folder, scene) = room();
+    let out = folder.path().join("out");
+    let output = bake(&scene, &out, &["--patches", "faces", "--no-preview", "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(names(&out), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
+    assert!(output.stdout.is_empty() && output.stderr.is_empty(), "--quiet was not");
+}
+
+#[test]
+fn the_same_bake_on_one_and_two_threads_writes_the_same_bytes() {
+    let (folder, scene) = room();
+    let outs = ["1", "2"].map(|threads| {
+        let out = folder.path().join(threads);
+        let output = bake(&scene, &out, &["--threads", threads, "--preview-size", "70x40"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        out
+    });
+    for name in ["vertices.ply", "patches.ply", "lit.glb", "1-direct.png", "2-patches.png", "4-combined.png"] {
+        let [one, two] = outs.each_ref().map(|out| fs::read(out.join(name)).unwrap());
+        assert!(one == two, "{name} depends on the number of threads");
+    }
+}
+
+#[test]
+fn json_progress_is_one_object_a_line() {
+    let (folder, scene) = room();
+    let output = bake(&scene, &folder.path().join("out"), &["--json-progress", "--no-preview"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let lines: Vec<serde_json::Value> =
+        stdout(&output).lines().map(|l| serde_json::from_str(l).expect("a line is no JSON")).collect();
+    let ended: Vec<_> = lines.iter().filter(|l| l["ended"] == true).collect();
+    assert!(ended.len() >= 2);
+    for line in &ended {
+        assert_eq!(line["percent"], 100.0, "{line}");
+        assert!(line["stage"].is_string() && line["done"].is_u64() && line["eta_seconds"] == 0.0, "{line}");
+    }
+    assert!(output.stderr.is_empty(), "{}", stderr(&output));
+}
+
+#[test]
+fn a_folder_that_cannot_be_made_is_an_error_before_the_bake() {
+    let (folder, scene) = room();
+    let file = folder.path().join("file");
+    fs::write(&file, "mine").unwrap();
+    let output = bake(&scene, &file, &[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("is a file"), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("form factors"), "it baked first");
+    assert_eq!(fs::read(&file).unwrap(), b"mine");
+}
+
+#[test]
+fn a_bake_that_fails_leaves_no_folder() {
+    let (folder, scene) = room();
+    fs::write(folder.path().join("room.mtl"), "newmtl wall\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\n").unwrap();
+    let output = bake(&scene, &folder.path().join("out"), &[]);
+    assert_eq!(output.status.code(), Some(1), "a scene without light was baked");
+    let message = stderr(&output);
+    for flag in ["--sky", "--sun", "--point", "--emit"] {
+        assert!(message.contains(flag), "{message}");
+    }
+    assert_eq!(names(folder.path()), ["room.mtl", "room.obj"]);
+}
+
+fn points(folder: &Path, scene: &Path, text: &str) -> (Output, PathBuf) {
+    let (at, out) = (folder.join("at.txt"), folder.join("new/light.csv"));
+    fs::write(&at, text).unwrap();
+    let args = ["points", scene.to_str().unwrap(), "--at", at.to_str().unwrap(), "-o", out.to_str().unwrap()];
+    (luxel(&[&args[..], &QUICK].concat()), out)
+}
+
+#[test]
+fn points_get_their_light_in_order() {
+    let (folder, scene) = room();
+    let (output, csv) = points(folder.path(), &scene, "# floor\n0 -1 0 0 2 0\n-1,0,0,1,0,0\n0 0.9 0 0 1 0\n");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let text = fs::read_to_string(csv).unwrap();
+    let mut lines = text.lines();
+    assert_eq!(lines.next(), Some("x,y,z,nx,ny,nz,direct_r,direct_g,direct_b,indirect_r,indirect_g,indirect_b"));
+    let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), 3);
+    assert_eq!(rows[0][..6], [0.0, -1.0, 0.0, 0.0, 1.0, 0.0]);
+    assert!(rows[0][6] > rows[1][6], "the floor under the lamp is not the brightest");
+    // Walls are red most, so indirect light is.
+    assert!(rows[1][9] > rows[1][10] && rows[1][10] > rows[1][11] && rows[1][11] > 0.0, "{:?}", rows[1]);
+    // Above the lamp, facing up: no direct light.
+    assert_eq!(rows[2][6..9], [0.0; 3]);
+}
+
+#[test]
+fn a_wrong_line_of_points_is_named_and_nothing_is_left() {
+    let (folder, scene) = room();
+    let (output, _) = points(folder.path(), &scene, "0 0 0 0 1 0\n0 0 0 0 1\n");
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("at.txt: line 2: 6 numbers"), "{}", stderr(&output));
+    assert_eq!(names(folder.path()), ["at.txt", "room.mtl", "room.obj"]);
+}
+
+#[test]
+fn check_tells_what_the_scene_holds() {
+    let (_folder, scene) = room();
+    let output = luxel(&["check", scene.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stdout(&output).contains("14 triangles"), "{}", stdout(&output));
+}
