@@ -1,0 +1,184 @@
+//! Test cases of CIE 171:2006, as whole bakes.
+
+use glam::{DVec3, Vec3};
+use luxel::{BakeOptions, progress::Silent, scene::WorldLight};
+
+use crate::common::{Stage, World, faces, options, patch_mean, red, rotation, vertex_mean, worst};
+
+/// Published largest error of another renderer on case 5.6 and 5.8; ours are smaller.
+const CYCLES_5_6: f64 = 0.0025;
+const CYCLES_5_8: f64 = 0.0031;
+
+/// Case 5.6: a wall and a ceiling, black, over a square of reflectance 0.3 in the sun.
+fn one_bounce(edge: f64) -> Stage {
+    let mut world = World::new();
+    let (black, grey) = (world.grey(0.0, 0.0), world.grey(0.3, 0.0));
+    let low = 2.0 - 0.5 * edge;
+    world.quad("S2", DVec3::new(low, low, 0.0), DVec3::X * edge, DVec3::Y * edge, grey);
+    world.quad("wall", DVec3::ZERO, DVec3::Z * 3.0, DVec3::X * 4.0, black);
+    world.quad("ceiling", DVec3::Z * 3.0, DVec3::Y * 4.0, DVec3::X * 4.0, black);
+    // Flat enough to come in under the ceiling, along the wall: it lights nothing but S2.
+    let direction = DVec3::new(-10.0, 0.0, -1.0);
+    let irradiance = Vec3::splat((direction.length() * 100.0 / 0.3) as f32);
+    world.builder.add_light(WorldLight::Sun { direction, irradiance });
+    world.build()
+}
+
+#[test]
+fn cie_5_6_one_bounce_from_a_lit_square() {
+    let small = ([0.246, 0.580, 0.644, 0.556, 0.433, 0.325].to_vec(), [0.491, 0.639, 0.778, 0.864]);
+    let large = ([35.901, 27.992, 21.639, 16.716, 12.967].to_vec(), [26.80, 30.94, 33.98, 35.57]);
+    for (edge, (wall, ceiling), (grid, rays)) in [(0.5, small, (16, 65536)), (4.0, large, (16, 16384))] {
+        let stage = one_bounce(edge);
+        let bake = stage.bake(&options(grid, rays));
+        let lowest = 3.0 - 0.5 * wall.len() as f64 + 0.25;
+        let mut points: Vec<_> =
+            (0..wall.len()).map(|k| stage.point([2.0, 0.0, lowest + 0.5 * k as f64], [0.0, 1.0, 0.0])).collect();
+        points.extend((0..4).map(|k| stage.point([2.0, 0.25 + 0.5 * k as f64, 3.0], [0.0, 0.0, -1.0])));
+        let light = bake.irradiance(&points, &Silent);
+        assert!(light.direct.iter().all(|e| *e == Vec3::ZERO));
+        let expected: Vec<f64> = wall.iter().chain(&ceiling).copied().collect();
+        let got = red(&light.indirect);
+        let error = worst(&got, &expected);
+        println!("CIE 5.6, S2 of {edge} m, grid {grid}, {rays} rays: largest error {:.3} %; {got:.3?}", 100.0 * error);
+        // The table's own digits: half a unit of the last.
+        let digits = if edge < 1.0 { 0.0005 / 0.246 } else { 0.005 / 26.80 };
+        assert!(error < CYCLES_5_6 + digits, "{error}: {got:?}");
+    }
+}
+
+const FLUX: f64 = 10_000.0;
+
+/// Case 5.8: a cube of 4 m with a point source in its middle.
+fn cube(albedo: f32, turned: bool) -> Stage {
+    let mut world = World::new();
+    let grey = world.grey(albedo, 0.0);
+    world.room(DVec3::splat(-2.0), DVec3::splat(2.0), grey);
+    world.point_light(DVec3::ZERO, FLUX);
+    if turned {
+        world.transform(rotation());
+    }
+    world.build()
+}
+
+fn mean_indirect(rho: f64) -> f64 {
+    FLUX / 96.0 * rho / (1.0 - rho)
+}
+
+#[test]
+fn cie_5_8_mean_of_a_cube_at_every_reflectance() {
+    let table = [
+        (0.05, 5.48),
+        (0.1, 11.57),
+        (0.2, 26.04),
+        (0.3, 44.64),
+        (0.4, 69.44),
+        (0.5, 104.17),
+        (0.6, 156.25),
+        (0.7, 243.06),
+        (0.8, 416.67),
+        (0.9, 937.5),
+        (0.95, 1979.17),
+    ];
+    for (rho, lux) in table {
+        assert!((mean_indirect(rho) - lux).abs() < 0.005 + 1e-9);
+        for turned in [false, true] {
+            let bake = cube(rho as f32, turned).bake(&options(10, 1024));
+            let error = patch_mean(&bake, &bake.light.indirect) / mean_indirect(rho) - 1.0;
+            println!("CIE 5.8, mean, albedo {rho}, turned {turned}: {:+.4} %", 100.0 * error);
+            assert!(error.abs() < CYCLES_5_8, "{rho}, {turned}: {error}");
+        }
+    }
+}
+
+#[test]
+fn cie_5_8_points_of_a_cube_turned_or_not() {
+    let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.5, 1.5], [1.75, 1.75]];
+    let cases = [(0.1, [12.95, 12.73, 12.18, 10.33, 8.73]), (0.5, [112.04, 110.88, 107.78, 96.86, 86.42])];
+    let direct = [198.94, 142.35, 108.29, 64.22, 49.40];
+    for (rho, expected) in cases {
+        for turned in [false, true] {
+            let stage = cube(rho, turned);
+            let bake = stage.bake(&options(32, 1024));
+            // On all six faces.
+            for axis in 0..3 {
+                for side in [-1.0, 1.0] {
+                    let points: Vec<_> = (places.iter())
+                        .map(|[a, b]| {
+                            let mut p = DVec3::ZERO;
+                            p[axis] = 2.0 * side;
+                            p[(axis + 1) % 3] = *a;
+                            p[(axis + 2) % 3] = *b;
+                            stage.point(p.to_array(), (DVec3::AXES[axis] * -side).to_array())
+                        })
+                        .collect();
+                    let light = bake.irradiance(&points, &Silent);
+                    let error = worst(&red(&light.indirect), &expected);
+                    println!(
+                        "CIE 5.8, points, albedo {rho}, turned {turned}, face {axis} {side}: largest error {:.3} %; {:.2?}",
+                        100.0 * error,
+                        red(&light.indirect)
+                    );
+                    // The reference is good to 0.05 %.
+                    assert!(error < CYCLES_5_8 + 0.0005, "{rho}, {turned}: {error}");
+                    // Four or five digits: half a unit of 49.40.
+                    assert!(worst(&red(&light.direct), &direct) < 2e-4);
+                }
+            }
+        }
+    }
+}
+
+/// The voxel trap: voxel faces of a turned cube have a larger area than its walls.
+#[test]
+fn voxel_faces_of_a_turned_cube_hold_the_wrong_energy_and_surfels_the_right_one() {
+    let stage = cube(0.5, true);
+    let error = |options: &BakeOptions| {
+        let bake = stage.bake(options);
+        vertex_mean(&bake, &bake.vertices.indirect) / mean_indirect(0.5) - 1.0
+    };
+    let (surfels, staircase) = (error(&options(24, 256)), error(&faces(options(24, 256))));
+    println!("voxel trap, turned cube: surfels {:+.2} %, faces {:+.2} %", 100.0 * surfels, 100.0 * staircase);
+    assert!(surfels.abs() < 0.005);
+    assert!(staircase.abs() > 0.1);
+}
+
+#[test]
+fn zz_settings() {
+    for (grid, rays) in [(16, 65536), (32, 16384), (64, 4096), (64, 256), (64,16384)] {
+        for (edge, (wall, ceiling)) in [(0.5, ([0.246, 0.580, 0.644, 0.556, 0.433, 0.325].to_vec(), [0.491, 0.639, 0.778, 0.864])), (4.0, ([35.901, 27.992, 21.639, 16.716, 12.967].to_vec(), [26.80, 30.94, 33.98, 35.57]))] {
+            let stage = one_bounce(edge);
+            let t = std::time::Instant::now();
+            let bake = stage.bake(&options(grid, rays));
+            let lowest = 3.0 - 0.5 * wall.len() as f64 + 0.25;
+            let mut points: Vec<_> =
+                (0..wall.len()).map(|k| stage.point([2.0, 0.0, lowest + 0.5 * k as f64], [0.0, 1.0, 0.0])).collect();
+            points.extend((0..4).map(|k| stage.point([2.0, 0.25 + 0.5 * k as f64, 3.0], [0.0, 0.0, -1.0])));
+            let expected: Vec<f64> = wall.iter().chain(&ceiling).copied().collect();
+            let got = red(&bake.irradiance(&points, &Silent).indirect);
+            let e: Vec<f64> = got.iter().zip(&expected).map(|(g, e)| 100.0 * (g / e - 1.0)).collect();
+            println!("ZZ 5.6 {edge} grid {grid} rays {rays}: {:.3} % in {:.1} s {e:.2?}", 100.0 * worst(&got, &expected), t.elapsed().as_secs_f64());
+        }
+    }
+    for (grid, rays) in [(32, 1024), (32, 4096), (64, 256), (64, 1024)] {
+        let stage = cube(0.5, true);
+        let t = std::time::Instant::now();
+        let bake = stage.bake(&options(grid, rays));
+        let mut e = vec![0.0_f64; 5];
+        let expected = [112.04, 110.88, 107.78, 96.86, 86.42];
+        for axis in 0..3 {
+            for side in [-1.0, 1.0] {
+                for (k, [a, b]) in [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.5, 1.5], [1.75, 1.75]].iter().enumerate() {
+                    let mut p = DVec3::ZERO;
+                    p[axis] = 2.0 * side;
+                    p[(axis + 1) % 3] = *a;
+                    p[(axis + 2) % 3] = *b;
+                    let g = bake.irradiance(&[stage.point(p.to_array(), (DVec3::AXES[axis] * -side).to_array())], &Silent).indirect[0].x as f64;
+                    let err = 100.0 * (g / expected[k] - 1.0);
+                    if err.abs() > e[k].abs() { e[k] = err; }
+                }
+            }
+        }
+        println!("ZZ 5.8 grid {grid} rays {rays}: {:.1} s {e:.2?}, vertex mean {:+.3} %", t.elapsed().as_secs_f64(), 100.0 * (vertex_mean(&bake, &bake.vertices.indirect) / mean_indirect(0.5) - 1.0));
+    }
+}
