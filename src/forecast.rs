@@ -35,6 +35,31 @@ pub struct Forecast {
     pub largest_mesh: Option<(String, f64)>,
 }
 
+impl std::fmt::Display for Forecast {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let [x, y, z] = self.voxels;
+        writeln!(
+            f,
+            "forecast      {x} x {y} x {z} voxels of {:.4}; {} fragments, {} patches",
+            self.voxel_size, self.fragments, self.patches
+        )?;
+        writeln!(
+            f,
+            "              {:.1} million form-factor rays, {:.1} MB of form factors, {:.1} MB of memory, about {:.1} s",
+            self.rays as f64 * 1e-6,
+            self.form_factor_bytes as f64 * 1e-6,
+            self.memory_bytes as f64 * 1e-6,
+            self.seconds
+        )?;
+        match &self.largest_mesh {
+            Some((mesh, share)) => {
+                writeln!(f, "              most of it from mesh \"{mesh}\": {:.0} % of the fragments", 100.0 * share)
+            }
+            None => Ok(()),
+        }
+    }
+}
+
 /// Bytes a triangle: scene, ray-tracing structure, copies for it.
 const TRIANGLE_BYTES: f64 = 420.0;
 /// Bytes a fragment: its corners, and its vertices with their light.

@@ -11,7 +11,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let scene = args.bake.load()?.scene;
-    say(&SceneCheck::new(&scene).to_string());
+    let job = args.bake.load()?;
+    say(&SceneCheck::new(&job.scene).to_string());
+    say(&luxel::forecast(&job.scene, &job.options)?.to_string());
     Ok(())
 }

@@ -145,8 +145,11 @@ fn voxel_faces_of_a_turned_cube_hold_the_wrong_energy_and_surfels_the_right_one(
 
 #[test]
 fn zz_settings() {
-    for (grid, rays) in [(16, 65536), (32, 16384), (64, 4096), (64, 256), (64,16384)] {
-        for (edge, (wall, ceiling)) in [(0.5, ([0.246, 0.580, 0.644, 0.556, 0.433, 0.325].to_vec(), [0.491, 0.639, 0.778, 0.864])), (4.0, ([35.901, 27.992, 21.639, 16.716, 12.967].to_vec(), [26.80, 30.94, 33.98, 35.57]))] {
+    for (grid, rays) in [(16, 65536), (32, 16384), (64, 4096), (64, 256), (64, 16384)] {
+        for (edge, (wall, ceiling)) in [
+            (0.5, ([0.246, 0.580, 0.644, 0.556, 0.433, 0.325].to_vec(), [0.491, 0.639, 0.778, 0.864])),
+            (4.0, ([35.901, 27.992, 21.639, 16.716, 12.967].to_vec(), [26.80, 30.94, 33.98, 35.57])),
+        ] {
             let stage = one_bounce(edge);
             let t = std::time::Instant::now();
             let bake = stage.bake(&options(grid, rays));
@@ -157,7 +160,11 @@ fn zz_settings() {
             let expected: Vec<f64> = wall.iter().chain(&ceiling).copied().collect();
             let got = red(&bake.irradiance(&points, &Silent).indirect);
             let e: Vec<f64> = got.iter().zip(&expected).map(|(g, e)| 100.0 * (g / e - 1.0)).collect();
-            println!("ZZ 5.6 {edge} grid {grid} rays {rays}: {:.3} % in {:.1} s {e:.2?}", 100.0 * worst(&got, &expected), t.elapsed().as_secs_f64());
+            println!(
+                "ZZ 5.6 {edge} grid {grid} rays {rays}: {:.3} % in {:.1} s {e:.2?}",
+                100.0 * worst(&got, &expected),
+                t.elapsed().as_secs_f64()
+            );
         }
     }
     for (grid, rays) in [(32, 1024), (32, 4096), (64, 256), (64, 1024)] {
@@ -173,12 +180,21 @@ fn zz_settings() {
                     p[axis] = 2.0 * side;
                     p[(axis + 1) % 3] = *a;
                     p[(axis + 2) % 3] = *b;
-                    let g = bake.irradiance(&[stage.point(p.to_array(), (DVec3::AXES[axis] * -side).to_array())], &Silent).indirect[0].x as f64;
+                    let g = bake
+                        .irradiance(&[stage.point(p.to_array(), (DVec3::AXES[axis] * -side).to_array())], &Silent)
+                        .indirect[0]
+                        .x as f64;
                     let err = 100.0 * (g / expected[k] - 1.0);
-                    if err.abs() > e[k].abs() { e[k] = err; }
+                    if err.abs() > e[k].abs() {
+                        e[k] = err;
+                    }
                 }
             }
         }
-        println!("ZZ 5.8 grid {grid} rays {rays}: {:.1} s {e:.2?}, vertex mean {:+.3} %", t.elapsed().as_secs_f64(), 100.0 * (vertex_mean(&bake, &bake.vertices.indirect) / mean_indirect(0.5) - 1.0));
+        println!(
+            "ZZ 5.8 grid {grid} rays {rays}: {:.1} s {e:.2?}, vertex mean {:+.3} %",
+            t.elapsed().as_secs_f64(),
+            100.0 * (vertex_mean(&bake, &bake.vertices.indirect) / mean_indirect(0.5) - 1.0)
+        );
     }
 }
