@@ -23,7 +23,7 @@ pub struct RawMesh {
     pub place: &'static str,
     /// The number of that place a triangle, or empty: the triangle's own number.
     pub places: Vec<u32>,
-    /// Index of the material, as [`Builder::add_material`] returned it.
+    /// Index of the material, as [`Builder::add_material`](super::Builder::add_material) returned it.
     pub material: u32,
 }
 
@@ -32,7 +32,7 @@ pub struct RawMesh {
 pub struct Opacity {
     /// 0 (clear) ..= 1 (opaque).
     pub factor: f32,
-    /// Index of the map that multiplies it, as [`Builder::add_opacity_map`] returned it.
+    /// Index of the map that multiplies it, as [`Builder::add_opacity_map`](super::Builder::add_opacity_map) returned it.
     pub texture: Option<u32>,
     /// Opacity from which a place counts as opaque, and below which as clear (glTF alphaMode MASK).
     pub cutoff: Option<f32>,
