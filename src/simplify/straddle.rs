@@ -51,10 +51,13 @@ pub(super) fn separate(
     // Only unlike planes can stand between the points of a cluster.
     let normal = |m: u32| normals[fragments.triangle[(m >> 1) as usize] as usize];
     let first = normal(clusters[0][0]);
+    let mut straddles = vec![false; clusters.len()];
     if clusters.iter().flatten().any(|&m| normal(m).dot(first).abs() < UNLIKE) {
         let all: Vec<u32> = clusters.concat();
-        for cluster in &clusters {
+        for (cluster, straddles) in clusters.iter().zip(&mut straddles) {
             let blockers = view.blockers(cluster);
+            // Fragments that end at the wall between them are not cut, but do not see each other either.
+            *straddles = !blockers.is_empty();
             for &m in cluster {
                 let f = m >> 1;
                 let planes = view.contacts(m, &all, &blockers);
@@ -74,11 +77,16 @@ pub(super) fn separate(
     let pieces_of = |m: u32| cuts.iter().find(|c| c.0 == m >> 1).map_or(1, |c| c.1.len()) as u32;
     let groups = clusters
         .iter()
-        .flat_map(|cluster| {
+        .zip(straddles)
+        .flat_map(|(cluster, straddles)| {
             let pieces: Vec<Piece> =
                 cluster.iter().flat_map(|&m| (0..pieces_of(m)).map(move |piece| Piece { member: m, piece })).collect();
             let was_cut = pieces.len() > cluster.len();
-            if was_cut && pieces.len() <= MOST_PIECES { view.cliques(&cuts, &pieces) } else { vec![pieces] }
+            if (was_cut || straddles) && pieces.len() <= MOST_PIECES {
+                view.cliques(&cuts, &pieces)
+            } else {
+                vec![pieces]
+            }
         })
         .collect();
     Separated { cuts, groups }

@@ -43,14 +43,17 @@ impl World {
         self.mesh(name, positions, vec![[0, 1, 2], [0, 2, 3]], material);
     }
 
-    /// The walls of a box, seen from inside; meshes "x0", "x1", "y0" ...
+    /// The walls of a box, seen from inside; one mesh.
     pub fn room(&mut self, low: DVec3, high: DVec3, material: u32) {
+        self.named_room("room", low, high, material);
+    }
+
+    pub fn named_room(&mut self, name: &str, low: DVec3, high: DVec3, material: u32) {
         let size = high - low;
         for axis in 0..3 {
             let (u, v) = (DVec3::AXES[(axis + 1) % 3] * size, DVec3::AXES[(axis + 2) % 3] * size);
-            let name = ["x", "y", "z"][axis];
-            self.quad(&format!("{name}0"), low, u, v, material);
-            self.quad(&format!("{name}1"), low + DVec3::AXES[axis] * size, v, u, material);
+            self.quad(name, low, u, v, material);
+            self.quad(name, low + DVec3::AXES[axis] * size, v, u, material);
         }
     }
 
