@@ -96,8 +96,7 @@ impl Bake {
         if !hit.is_hit() {
             return None;
         }
-        let fragment = self.simplified.hit_map.fragment(&self.simplified.fragments, hit);
-        let patch = self.simplified.fragments.patch[fragment][hit.is_back() as usize];
+        let patch = self.simplified.hit_map.patch(&self.simplified.fragments, hit);
         (patch != NO_PATCH).then_some(patch)
     }
 

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::{
     Emitter, FormFactors, PointSets,
     matrix::{Block, Row},
+    tally::Tally,
 };
 use crate::{
     progress::Progress,
@@ -161,9 +162,10 @@ struct Scratch {
     emitter: Emitter,
     rays: RayBatch,
     hits: Vec<Hit>,
-    /// Hits of every patch; zero between rows.
-    counts: Vec<u32>,
-    touched: Vec<u32>,
+    /// Patch of every hit.
+    patches: Vec<u32>,
+    /// Hits of every patch, of the sky and of the insides of objects.
+    tally: Tally,
 }
 
 impl Caster<'_> {
@@ -254,35 +256,31 @@ impl Caster<'_> {
     /// The patch of a hit; `None` on the back of a one-sided surface.
     #[inline]
     fn patch(&self, hit: &Hit) -> Option<u32> {
-        let fragment = self.simplified.hit_map.fragment(&self.simplified.fragments, hit);
-        let patch = self.simplified.fragments.patch[fragment][hit.is_back() as usize];
+        let patch = self.simplified.hit_map.patch(&self.simplified.fragments, hit);
         (patch != NO_PATCH).then_some(patch)
     }
 
     fn count(&self, i: u32, s: &mut Scratch, block: &mut Block) {
-        let Scratch { hits, counts, touched, .. } = s;
-        let (mut escaped, mut hidden) = (0, 0);
-        touched.clear();
-        for hit in hits.iter() {
-            if !hit.is_hit() {
-                escaped += 1;
-            } else if let Some(j) = self.patch(hit) {
-                if counts[j as usize] == 0 {
-                    touched.push(j);
-                }
-                counts[j as usize] += 1;
-            } else {
-                hidden += 1;
-            }
-        }
-        touched.sort_unstable();
-        let row = Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 };
-        block.push(row, touched.iter().map(|&j| (j, std::mem::take(&mut counts[j as usize]))));
+        let Scratch { hits, patches, tally, .. } = s;
+        let n = self.simplified.patches.len() as u32;
+        let (escaped, hidden) = (n, n + 1);
+        // Looking all up before counting any lets the processor overlap the loads.
+        patches.clear();
+        patches.extend(hits.iter().map(|hit| {
+            let patch =
+                if hit.is_hit() { self.simplified.hit_map.patch(&self.simplified.fragments, hit) } else { escaped };
+            patch.min(hidden)
+        }));
+        patches.iter().for_each(|&j| tally.add(j));
+        let (escaped, hidden) = (tally.take(escaped), tally.take(hidden));
+        let mut row = block.row();
+        tally.drain(|j, count| row.add(j, count));
+        row.finish(Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
     }
 
     fn take(&self) -> Scratch {
         let kept = self.scratch.lock().expect("no thread panics with the lock").pop();
-        kept.unwrap_or_else(|| Scratch { counts: vec![0; self.simplified.patches.len()], ..Scratch::default() })
+        kept.unwrap_or_else(|| Scratch { tally: Tally::new(self.simplified.patches.len() + 2), ..Scratch::default() })
     }
 
     fn give_back(&self, s: Scratch) {

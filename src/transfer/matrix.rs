@@ -48,20 +48,9 @@ pub struct Block {
 }
 
 impl Block {
-    /// Adds a row; `hits` are (patch, count), sorted by patch.
-    pub fn push(&mut self, row: Row, hits: impl IntoIterator<Item = (u32, u32)>) {
-        let mut last = 0;
-        for (patch, count) in hits {
-            push_varint(&mut self.bytes, patch - last);
-            last = patch;
-            if count < 255 {
-                self.bytes.push(count as u8);
-            } else {
-                self.bytes.push(255);
-                push_varint(&mut self.bytes, count);
-            }
-        }
-        self.rows.push(Row { end: self.bytes.len(), ..row });
+    /// Begins a row.
+    pub fn row(&mut self) -> RowWriter<'_> {
+        RowWriter { block: self, last: 0 }
     }
 
     /// The hits of row number `row`: (patch, count), sorted by patch.
@@ -71,6 +60,35 @@ impl Block {
     }
 }
 
+/// Takes the entries of one row.
+pub struct RowWriter<'a> {
+    block: &'a mut Block,
+    last: u32,
+}
+
+impl RowWriter<'_> {
+    /// Adds an entry; patches come in ascending order.
+    #[inline]
+    pub fn add(&mut self, patch: u32, count: u32) {
+        let bytes = &mut self.block.bytes;
+        push_varint(bytes, patch - self.last);
+        self.last = patch;
+        if count < 255 {
+            bytes.push(count as u8);
+        } else {
+            bytes.push(255);
+            push_varint(bytes, count);
+        }
+    }
+
+    /// Ends the row; its `end` is filled in.
+    pub fn finish(self, row: Row) {
+        let end = self.block.bytes.len();
+        self.block.rows.push(Row { end, ..row });
+    }
+}
+
+#[inline]
 fn push_varint(bytes: &mut Vec<u8>, mut x: u32) {
     while x >= 0x80 {
         bytes.push(x as u8 | 0x80);
@@ -248,7 +266,9 @@ mod tests {
     fn one_row(hits: &[(u32, u32)], escaped: u32) -> FormFactors {
         let valid = hits.iter().map(|h| h.1).sum::<u32>() + escaped;
         let mut block = Block::default();
-        block.push(Row { patch: 1, valid, escaped, hidden: 0, end: 0 }, hits.iter().copied());
+        let mut row = block.row();
+        hits.iter().for_each(|&(patch, count)| row.add(patch, count));
+        row.finish(Row { patch: 1, valid, escaped, hidden: 0, end: 0 });
         FormFactors::of_blocks(70_000, vec![block], &[true; 70_000])
     }
 

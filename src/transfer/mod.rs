@@ -4,6 +4,7 @@ mod emit;
 mod estimate;
 mod matrix;
 mod points;
+mod tally;
 
 pub use emit::{Emitter, patch_points};
 pub use estimate::{Estimate, estimate, row_rays};
