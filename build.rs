@@ -37,7 +37,7 @@ fn embree() {
         default_include(&format!("embree{version}/rtcore.h")) && default_library(&format!("libembree{version}.so"))
     });
     let Some(version) = found else {
-        missing("Embree 3 or 4", "libembree-dev", "embree", "openexr");
+        missing("Embree 3 or 4", "libembree-dev", "openexr");
     };
     // The shim prefers the newer header by itself; the macro keeps header and library of one version.
     compile("embree", &folders, &[("LUXEL_EMBREE_VERSION", version)]);
@@ -48,11 +48,11 @@ fn embree() {
 fn openexr() {
     let probed = pkg_config::Config::new().cargo_metadata(false).atleast_version("3.1").probe("OpenEXR");
     let Ok(library) = probed else {
-        missing("OpenEXR 3.1 or later", "libopenexr-dev", "openexr", "embree");
+        missing("OpenEXR 3.1 or later", "libopenexr-dev", "embree");
     };
     // Of the libraries that the .pc file lists only the C one is needed; its name carries the version.
     let Some(core) = library.libs.iter().find(|name| name.starts_with("OpenEXRCore")) else {
-        missing("OpenEXRCore", "libopenexr-dev", "openexr", "embree");
+        missing("OpenEXRCore", "libopenexr-dev", "embree");
     };
     compile("openexr", &library.include_paths, &[]);
     print_search_paths(&library.link_paths);
@@ -93,14 +93,14 @@ fn default_library(file: &str) -> bool {
     folder.is_some()
 }
 
-/// Stops the build with one message that says what to do.
-fn missing(library: &str, package: &str, feature: &str, other: &str) -> ! {
+/// Stops the build with one message that says what to do; `other` is the feature that need not be given up.
+fn missing(library: &str, package: &str, other: &str) -> ! {
     println!(
         "cargo::error={library} was not found: install it (Debian: apt install {package}), or build without it \
          (cargo build --no-default-features --features {other}; without either native library: --no-default-features)"
     );
-    eprintln!("luxel: feature `{feature}` needs {library}");
-    exit(1);
+    // Cargo fails by the message; with another code it would print this program's whole output besides.
+    exit(0);
 }
 
 /// Rewrites `ffi/NAME_bindings.rs` from `ffi/NAME_shim.h`.

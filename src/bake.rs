@@ -386,6 +386,7 @@ fn report(
     Report {
         version: env!("CARGO_PKG_VERSION").into(),
         backend: bake.tracer.name(),
+        instruction_set: bake.tracer.instruction_set(),
         threads: rayon::current_num_threads(),
         settings: Some(bake.options.clone()),
         counts: Counts {

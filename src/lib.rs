@@ -25,9 +25,11 @@ pub mod trace;
 pub mod transfer;
 
 pub mod bake;
+pub mod forecast;
 pub mod output;
 
 pub use bake::bake;
 pub use error::{Error, Result};
+pub use forecast::forecast;
 pub use options::BakeOptions;
 pub use scene::Scene;

@@ -287,13 +287,12 @@ fn two_triangles_of_a_quad_are_one_lamp_with_one_share_of_rays() {
 }
 
 #[test]
-fn one_sided_surfaces_light_their_front_only_and_two_sided_ones_both() {
+fn lamps_light_their_front_and_their_back_only_if_told() {
     for both in [false, true] {
         let mut b = Builder::new();
         let emissive = b.material(Vec3::ONE);
         b.quad(Vec3::new(-0.1, -0.1, 0.0), Vec3::X * 0.2, Vec3::Y * 0.2, emissive);
-        b.0.materials[emissive as usize].double_sided = both;
-        b.0.triangles.iter_mut().for_each(|t| t.two_sided = both);
+        b.0.triangles.iter_mut().for_each(|t| (t.two_sided, t.emits_back) = (both, both));
         let e = b.at(&[point(Vec3::Z * 0.3, -Vec3::Z), point(Vec3::Z * -0.3, Vec3::Z)], 64, 1);
         let expected = over_point(-0.1, 0.1, -0.1, 0.1, 0.3);
         assert_close(e[0].x, expected, ROUNDING, "front");
@@ -531,6 +530,9 @@ fn answers_do_not_depend_on_threads_or_on_neighbours_in_the_list() {
     back.reverse();
     assert_eq!(one.irradiance, back);
     assert_eq!(run(1, &points[17..18]).irradiance[0], one.irradiance[17]);
+    // Zeros of either sign are the same place and direction.
+    let zeros = |zero: f32| [point(Vec3::new(0.1, zero, 0.1), Vec3::new(1.0, zero, zero))];
+    assert_eq!(run(1, &zeros(0.0)), run(1, &zeros(-0.0)));
     // Another seed is another estimate.
     assert_ne!(one.irradiance, irradiance(&lights, &*tracer, &points, 1, 16, 8).irradiance);
 }

@@ -142,6 +142,14 @@ fn point_lights_keep_their_irradiance_in_the_local_frame() {
 }
 
 #[test]
+fn a_light_beyond_f32_is_an_error() {
+    let dir = folder(&[("s.obj", &cube("box", [0.0; 3], [1e-30; 3]))]);
+    let overrides = SceneOverrides { points: vec![(DVec3::ZERO, Vec3::ONE)], ..Default::default() };
+    let error = load(&dir.path().join("s.obj"), &overrides).unwrap_err().to_string();
+    assert!(error.contains("light 1"), "{error}");
+}
+
+#[test]
 fn overrides_name_the_materials_that_exist() {
     let dir =
         folder(&[("s.obj", &format!("mtllib m.mtl\nusemtl grey\n{}", cube("b", [0.0; 3], [1.0; 3]))), ("m.mtl", LAMP)]);

@@ -11,8 +11,9 @@ use luxel::{
         Sight,
         atomic::Staged,
         camera,
+        exr::{self, Compression},
         glb::LitMesh,
-        hidden_backs, ply, png,
+        hidden_backs, layers, ply, png,
         preview::{self, Preview},
         report::{PreviewRecord, Record, peak_memory_bytes, summary},
         tonemap::ToneMap,
@@ -150,6 +151,9 @@ fn write(
         for (name, pixels) in pictures {
             staged.write(name, |out| png::write(out, preview.width, preview.height, pixels, tone))?;
         }
+        staged.write_path("preview.exr", |path| {
+            exr::write(path, &layers::image(&preview, &bake.report), Compression::Zip)
+        })?;
         record = Some(PreviewRecord::new(&camera, args.picture.preview_size, tone.exposure));
     }
     bake.report.stages.push(Stage { name: "output", seconds: begun.elapsed().as_secs_f64() });

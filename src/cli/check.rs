@@ -1,6 +1,6 @@
 //! `luxel check`.
 
-use luxel::Result;
+use luxel::{Result, scene::SceneCheck};
 
 use super::{args::BakeArgs, say};
 
@@ -11,7 +11,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let scene = args.bake.load()?.scene;
-    say(&format!("{}: {} triangles\n", scene.name, scene.triangles.len()));
+    let job = args.bake.load()?;
+    say(&SceneCheck::new(&job.scene).to_string());
+    say(&luxel::forecast(&job.scene, &job.options)?.to_string());
     Ok(())
 }

@@ -59,8 +59,7 @@ fn emitter(scene: &Scene, t: usize) -> Option<Emitter> {
     let radiance = scene.emission(t);
     let lit = radiance.is_finite() && radiance.max_element() > 0.0 && radiance.min_element() >= 0.0;
     let corners = scene.corners_of(t);
-    let triangle = &scene.triangles[t];
-    let both_sides = triangle.two_sided && scene.materials[triangle.material as usize].double_sided;
+    let both_sides = scene.triangles[t].emits_back;
     (lit && corners.iter().all(|c| c.is_finite())).then_some(Emitter { corners, radiance, both_sides })
 }
 

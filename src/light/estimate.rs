@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 use super::{
     DirectResult, LightSet,
-    lamp::Aim,
+    aim::{Aim, Sampler, origin},
+    numbers::Numbers,
     sky,
     tree::{Ball, Branch},
 };
@@ -40,7 +41,7 @@ pub(super) fn irradiance(
     let per_receiver = points_per_receiver.max(1);
     let numbers = Numbers::new(samples.clamp(1, MOST_SAMPLES), per_receiver, seed);
     let mut irradiance = vec![Vec3::ZERO; points.len() / per_receiver];
-    let chunk = (BATCH / numbers.of_sample.len()).clamp(1, 256);
+    let chunk = (BATCH / numbers.len()).clamp(1, 256);
     let rays = irradiance
         .par_chunks_mut(chunk)
         .zip(points.par_chunks(chunk * per_receiver))
@@ -53,44 +54,6 @@ pub(super) fn irradiance(
         })
         .sum();
     DirectResult { irradiance, rays }
-}
-
-/// Where the rays of `x` start.
-pub(super) fn origin(x: &SurfacePoint) -> Vec3 {
-    x.position + RAY_OFFSET * x.normal
-}
-
-/// One Sobol point set for all receivers; each shifts the bits by its own hash, which keeps every stratum.
-struct Numbers {
-    /// (u, v, pick) of every sample, 32 bits each.
-    of_sample: Vec<[u32; 3]>,
-    seed: u64,
-}
-
-impl Numbers {
-    fn new(samples: u32, points_per_receiver: usize, seed: u64) -> Numbers {
-        // The first two dimensions of the same points chose the places on the patch (see `irradiance`).
-        let first = if points_per_receiver > 1 { 2 } else { 0 };
-        let bits = |x: f32| (x as f64 * 4_294_967_296.0) as u32;
-        let of_sample = (0..samples)
-            .map(|k| {
-                let place = sampling::sobol4(k, seed);
-                let pick = if first == 0 { place[2] } else { sampling::sobol4(k, !seed)[0] };
-                [bits(place[first]), bits(place[first + 1]), bits(pick)]
-            })
-            .collect();
-        Numbers { of_sample, seed }
-    }
-
-    fn len(&self) -> usize {
-        self.of_sample.len()
-    }
-
-    fn shifted(&self, sample: usize, shift: u64) -> [f32; 3] {
-        let unit = |bits: u32| (bits >> 8) as f32 * (1.0 / 16_777_216.0);
-        let [u, v, pick] = self.of_sample[sample];
-        [unit(u ^ shift as u32), unit(v ^ (shift >> 32) as u32), unit(pick ^ (shift >> 16) as u32)]
-    }
 }
 
 /// Rays of one receiver that are summed up together.
@@ -136,7 +99,7 @@ impl Work<'_> {
         if !points.iter().all(is_sound) {
             return;
         }
-        let identity = identity(&points[0], self.numbers.seed);
+        let identity = self.numbers.identity(&points[0]);
         self.emit_lamps(points, identity);
         if self.lights.sky.is_lit() {
             self.emit_sky(points, sampling::hash(&[identity, u64::MAX]));
@@ -191,7 +154,7 @@ impl Work<'_> {
                 return;
             }
             let n = if lamp.is_point_like() { 1 } else { n };
-            let sampler = lamp.sampler(x);
+            let sampler = Sampler::new(lamp, x);
             for k in 0..n {
                 let [u, v, _] = self.numbers.shifted(k, shift);
                 if let Some(aim) = sampler.aim(x, u, v) {
@@ -208,7 +171,7 @@ impl Work<'_> {
                 }
                 unshadowed += here / n as f64;
                 let [u, v, _] = self.numbers.shifted(k, shift);
-                if let Some(aim) = lamp.sampler(x).aim(x, u, v) {
+                if let Some(aim) = Sampler::new(lamp, x).aim(x, u, v) {
                     self.scratch.push(x, &aim, aim.weight as f32, Vec3::ZERO);
                 }
             }
@@ -225,7 +188,7 @@ impl Work<'_> {
             let [u, v, pick] = self.numbers.shifted(k, shift);
             let Some((lamp, probability)) = self.lights.tree.pick(branch, &Ball::point(x), pick) else { continue };
             let lamp = &self.lights.lamps[lamp as usize];
-            if let Some(aim) = lamp.sampler(x).aim(x, u, v) {
+            if let Some(aim) = Sampler::new(lamp, x).aim(x, u, v) {
                 let colour = lamp.colour * (aim.weight / (probability * n as f64)).min(f32::MAX as f64) as f32;
                 self.scratch.push(x, &aim, 1.0, colour);
             }
@@ -244,7 +207,8 @@ impl Work<'_> {
             let x = &points[k % points.len()];
             let [u, v, _] = self.numbers.shifted(k, shift);
             let local = sampling::cosine_hemisphere(u, v);
-            let (t, b) = sampling::frame(x.normal);
+            // Zeros of either sign must have the same frame.
+            let (t, b) = sampling::frame(x.normal + Vec3::ZERO);
             let direction = local.x * t + local.y * b + local.z * x.normal;
             let mut colour = sky.constant * PI * per_ray;
             for map in &sky.maps {
@@ -338,13 +302,4 @@ impl Scratch {
 
 fn is_sound(x: &SurfacePoint) -> bool {
     x.position.is_finite() && (x.normal.length_squared() - 1.0).abs() < 0.01
-}
-
-/// Random bits that depend on where a receiver is, not on its place in a list: equal points get equal light.
-fn identity(x: &SurfacePoint, seed: u64) -> u64 {
-    // Adding zero makes -0 equal to 0.
-    let bits = |v: f32| (v + 0.0).to_bits() as u64;
-    let (p, n) = (x.position, x.normal);
-    let words = [bits(p.x) << 32 | bits(p.y), bits(p.z) << 32 | bits(n.x), bits(n.y) << 32 | bits(n.z)];
-    sampling::hash(&[seed, words[0], words[1], words[2]])
 }

@@ -1,13 +1,12 @@
-//! One light that stands somewhere: what it gives without occluders, and points of it to aim shadow rays at.
+//! One light that stands somewhere, and what it gives without occluders.
 
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::{form, spherical::SphericalPolygon};
+use super::form;
 use crate::{
     bake::SurfacePoint,
-    sampling,
     scene::{Light, RAY_OFFSET},
 };
 
@@ -32,23 +31,13 @@ pub(super) enum Shape {
 /// A triangle, or a parallelogram whose corners 1 and 3 are next to corner 0.
 #[derive(Clone, Debug)]
 pub(super) struct Polygon {
-    corners: [Vec3; 4],
-    count: usize,
-    normal: Vec3,
-    area: f32,
+    pub corners: [Vec3; 4],
+    pub count: usize,
+    pub normal: Vec3,
+    pub area: f32,
     /// Of the circle about the mean of the corners that holds them.
-    radius: f32,
-    both_sides: bool,
-}
-
-/// Where a shadow ray ends and what its arrival is worth.
-pub(super) struct Aim {
-    /// From the receiver's displaced origin; need not be a unit vector.
-    pub direction: Vec3,
-    /// End of the ray in units of `direction`.
-    pub t_max: f32,
-    /// Irradiance by unit colour, divided by the density of the choice.
-    pub weight: f64,
+    pub radius: f32,
+    pub both_sides: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -62,15 +51,6 @@ pub(super) struct Bounds {
     pub spread: f32,
     /// Irradiance x squared distance at normal incidence on the axis, mean of the channels.
     pub strength: f64,
-}
-
-/// A lamp as one receiver sees it, ready to be aimed at.
-#[allow(clippy::large_enum_variant, reason = "lives on the stack, one at a time")]
-pub(super) enum Sampler<'a> {
-    /// By area.
-    Flat(&'a Lamp),
-    /// By solid angle.
-    Near(&'a Polygon, SphericalPolygon),
 }
 
 impl Polygon {
@@ -97,12 +77,12 @@ impl Polygon {
         })
     }
 
-    fn relative_corners(&self, x: Vec3) -> [DVec3; 4] {
+    pub fn relative_corners(&self, x: Vec3) -> [DVec3; 4] {
         self.corners.map(|c| c.as_dvec3() - x.as_dvec3())
     }
 
     /// Distance of `x` from the polygon; for a triangle that of its parallelogram.
-    fn distance(&self, x: Vec3) -> f32 {
+    pub fn distance(&self, x: Vec3) -> f32 {
         let (u, v, d) = (self.corners[1] - self.corners[0], self.corners[3] - self.corners[0], x - self.corners[0]);
         // The nearest point of an oblique parallelogram is not exactly at the clamped coordinates: near enough.
         let (uu, uv, vv, du, dv) = (u.dot(u), u.dot(v), v.dot(v), d.dot(u), d.dot(v));
@@ -112,7 +92,7 @@ impl Polygon {
     }
 
     /// Signed distance of `x` from the polygon's plane if light leaves towards it, else 0.
-    fn front_distance(&self, x: Vec3) -> f64 {
+    pub fn front_distance(&self, x: Vec3) -> f64 {
         let height = self.normal.as_dvec3().dot(x.as_dvec3() - self.corners[0].as_dvec3());
         if height > 0.0 || self.both_sides { height } else { 0.0 }
     }
@@ -210,24 +190,6 @@ impl Lamp {
         !matches!(self.shape, Shape::Polygon(_) | Shape::Disc { .. })
     }
 
-    /// Prepares aiming from `x`.
-    pub fn sampler(&self, x: &SurfacePoint) -> Sampler<'_> {
-        if let Shape::Polygon(p) = &self.shape {
-            let corners = p.relative_corners(x.position);
-            // Near, area sampling would waste most samples on places that count little; cut by the horizon, on
-            // places that count nothing.
-            let normal = x.normal.as_dvec3();
-            let cut = corners.iter().any(|c| normal.dot(*c) < 0.0);
-            if cut || p.distance(x.position) < NEAR * p.radius {
-                let above = form::Clipped::new(&corners[..p.count], normal);
-                if let Some(sphere) = SphericalPolygon::new(above.corners()) {
-                    return Sampler::Near(p, sphere);
-                }
-            }
-        }
-        Sampler::Flat(self)
-    }
-
     /// Bounds for the light tree; none for a sun.
     pub fn bounds(&self) -> Option<Bounds> {
         use std::f32::consts::PI;
@@ -263,69 +225,6 @@ impl Lamp {
             Shape::Sun { .. } => return None,
         })
     }
-}
-
-/// Within how many radii of itself a polygon is sampled by solid angle.
-const NEAR: f32 = 0.3;
-
-impl Sampler<'_> {
-    /// A point of the lamp for the square's point (u, v), as seen by `x`; none where it gives no light.
-    ///
-    /// The mean weight over the square is [`Lamp::unshadowed`].
-    pub fn aim(&self, x: &SurfacePoint, u: f32, v: f32) -> Option<Aim> {
-        match self {
-            Sampler::Near(polygon, sphere) => {
-                let direction = sphere.sample(u as f64, v as f64);
-                let n = polygon.normal.as_dvec3();
-                let height = polygon.front_distance(x.position);
-                let t = -height / n.dot(direction);
-                let weight = x.normal.as_dvec3().dot(direction) * sphere.solid_angle();
-                let target = x.position.as_dvec3() + t * direction;
-                (t > 0.0 && t.is_finite()).then(|| aim_at(x, target.as_vec3(), offset(n.as_vec3(), height), weight))?
-            }
-            Sampler::Flat(lamp) => match &lamp.shape {
-                Shape::Polygon(p) => {
-                    let [a, b, .., d] = p.corners;
-                    let (u, v) = if p.count == 4 { (u, v) } else { sampling::triangle(u, v) };
-                    let height = p.front_distance(x.position);
-                    patch_of_light(x, a + u * (b - a) + v * (d - a), p.normal, height, p.area)
-                }
-                Shape::Disc { centre, normal, radius } => {
-                    let (e1, e2) = sampling::frame(*normal);
-                    let at = sampling::concentric_disc(u, v) * *radius;
-                    let height = normal.as_dvec3().dot(x.position.as_dvec3() - centre.as_dvec3()).max(0.0);
-                    let area = std::f32::consts::PI * radius * radius;
-                    patch_of_light(x, *centre + at.x * e1 + at.y * e2, *normal, height, area)
-                }
-                Shape::Point { position, .. } | Shape::Spot { position, .. } => {
-                    aim_at(x, *position, Vec3::ZERO, lamp.unshadowed(x))
-                }
-                Shape::Sun { direction } => {
-                    let weight = lamp.unshadowed(x);
-                    (weight > 0.0).then_some(Aim { direction: -*direction, t_max: f32::INFINITY, weight })
-                }
-            },
-        }
-    }
-}
-
-/// The weight of a point chosen uniformly on a surface light: cos cos' area / r^2.
-fn patch_of_light(x: &SurfacePoint, target: Vec3, normal: Vec3, height: f64, area: f32) -> Option<Aim> {
-    let d = target - x.position;
-    let r2 = d.length_squared() as f64;
-    let cosines = x.normal.dot(d) as f64 * height.abs();
-    let weight = cosines * area as f64 / (r2 * r2);
-    aim_at(x, target, offset(normal, height), weight)
-}
-
-/// Rays end short of a surface as they start off one, by a fixed height: grazing rays need no extra care.
-fn offset(normal: Vec3, height: f64) -> Vec3 {
-    normal * RAY_OFFSET.copysign(height as f32)
-}
-
-fn aim_at(x: &SurfacePoint, target: Vec3, offset: Vec3, weight: f64) -> Option<Aim> {
-    let direction = target + offset - super::estimate::origin(x);
-    (weight > 0.0 && weight.is_finite() && direction != Vec3::ZERO).then_some(Aim { direction, t_max: 1.0, weight })
 }
 
 /// cos / d^2 with the range window of KHR_lights_punctual. A light nearer than a ray's offset counts as that far.

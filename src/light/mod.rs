@@ -10,10 +10,12 @@ use glam::Vec3;
 
 use crate::{Scene, bake::SurfacePoint, scene::Light, trace::RayTracer};
 
+mod aim;
 mod emitters;
 mod estimate;
 mod form;
 mod lamp;
+mod numbers;
 mod sky;
 mod spherical;
 mod tree;

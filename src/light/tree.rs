@@ -199,7 +199,7 @@ impl Node {
         let radius = self.radius + receiver.radius;
         let d2 = v.length_squared();
         if d2 <= radius * radius {
-            return self.strength / d2.max(0.25 * radius * radius).max(f32::MIN_POSITIVE);
+            return bounded(self.strength / d2.max(0.25 * radius * radius));
         }
         let per_d = d2.sqrt().recip();
         // Half-angle of the ball around the node, seen from the receiver.
@@ -223,8 +223,13 @@ impl Node {
         if at_receiver <= -1e-5 || at_light <= -1e-5 {
             return 0.0;
         }
-        (self.strength * at_receiver.max(1e-3) * at_light.max(1e-3) / d2).max(f32::MIN_POSITIVE)
+        bounded(self.strength * at_receiver.max(1e-3) * at_light.max(1e-3) / d2)
     }
+}
+
+/// Not zero, which would mean that a node gives nothing, and with finite sums.
+fn bounded(importance: f32) -> f32 {
+    importance.clamp(f32::MIN_POSITIVE, 1e30)
 }
 
 /// Cosine of max(0, a - b), angles in 0 ..= pi given by cosines (and the sine of b).
@@ -266,4 +271,103 @@ fn cone_union(a: &Bounds, b: &Bounds) -> (Vec3, f32) {
     }
     let axis = Quat::from_axis_angle(pivot.normalize(), spread - a.spread) * a.axis;
     (axis.normalize(), spread)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{light::lamp::Lamp, sampling::hash, scene::Light};
+
+    fn unit(i: u64, k: u64) -> f32 {
+        hash(&[i, k]) as f32 / u64::MAX as f32
+    }
+
+    fn direction(i: u64, k: u64) -> Vec3 {
+        (Vec3::new(unit(i, k), unit(i, k + 1), unit(i, k + 2)) - 0.5).normalize_or(Vec3::X)
+    }
+
+    fn lamps() -> Vec<Lamp> {
+        let lamp = |i: u64| {
+            let corner = Vec3::new(unit(i, 0), unit(i, 1), unit(i, 2)) - 0.5;
+            // Clusters that look the same way, so that whole nodes can face away.
+            let edge_u = direction(i / 40, 3) * 0.05;
+            Lamp::new(&match i % 4 {
+                0 => Light::Point { position: corner, intensity: Vec3::ONE, range: 1.0 },
+                1 => Light::Spot {
+                    position: corner,
+                    direction: direction(i / 40, 6),
+                    intensity: Vec3::ONE,
+                    cos_inner: 0.9,
+                    cos_outer: 0.5,
+                    range: 2.0,
+                },
+                2 => Light::Disc { centre: corner, normal: direction(i / 40, 9), radius: 0.02, radiance: Vec3::ONE },
+                _ => {
+                    let edge_v = edge_u.any_orthogonal_vector();
+                    Light::Rectangle { corner, edge_u, edge_v, radiance: Vec3::ONE }
+                }
+            })
+        };
+        (0..400).filter_map(lamp).collect()
+    }
+
+    #[test]
+    fn no_lamp_that_gives_light_is_ever_left_out() {
+        let lamps = lamps();
+        let tree = Tree::new(&lamps);
+        let (mut given, mut left_out) = (0, 0);
+        for i in 0..300 {
+            let centre = Vec3::new(unit(i, 20), unit(i, 21), unit(i, 22)) - 0.5;
+            let normal = direction(i, 23);
+            // A single point, or points of a bent patch.
+            let points: Vec<SurfacePoint> = (0..1 + 7 * (i % 2))
+                .map(|k| {
+                    let bend = (i % 2) as f32 * 0.3 * direction(k, 26);
+                    SurfacePoint { position: centre + 0.1 * bend, normal: (normal + bend).normalize() }
+                })
+                .collect();
+            let ball = if points.len() == 1 { Ball::point(&points[0]) } else { Ball::around(&points) };
+            let mut cut: Vec<Branch> = tree.root(&ball).into_iter().collect();
+            tree.refine(&mut cut, usize::MAX, &ball);
+            let kept: Vec<u32> = cut.iter().filter_map(|&b| tree.lamp(b)).collect();
+            assert_eq!(kept.len(), cut.len());
+            for (k, lamp) in lamps.iter().enumerate() {
+                let gives = points.iter().any(|x| lamp.unshadowed(x) > 1e-12);
+                let kept = kept.contains(&(k as u32));
+                assert!(kept || !gives, "receiver {i}, lamp {k}");
+                given += gives as u32;
+                left_out += !kept as u32;
+            }
+        }
+        // The test is about both kinds.
+        assert!(given > 10_000 && left_out > 10_000, "{given} {left_out}");
+    }
+
+    #[test]
+    fn picks_come_as_often_as_their_probability_says() {
+        let lamps = lamps();
+        let tree = Tree::new(&lamps);
+        let ball = Ball::point(&SurfacePoint { position: Vec3::ZERO, normal: Vec3::Y });
+        let root = tree.root(&ball).unwrap();
+        let n = 1 << 16;
+        let mut counts = vec![(0_u32, 0.0_f64); lamps.len()];
+        let mut dead = 0;
+        for i in 0..n {
+            match tree.pick(root, &ball, (i as f32 + 0.5) / n as f32) {
+                Some((lamp, probability)) => {
+                    counts[lamp as usize].0 += 1;
+                    counts[lamp as usize].1 = probability;
+                }
+                None => dead += 1,
+            }
+        }
+        for (k, &(count, probability)) in counts.iter().enumerate() {
+            // A lamp owns one interval of u: the count is its length times n, but for the ends and for the digits of
+            // u that the choices above it have used up.
+            let expected = probability * n as f64;
+            assert!((count as f64 - expected).abs() < 2.0 + 1e-3 * expected, "lamp {k}: {count}, {expected}");
+        }
+        let total: f64 = counts.iter().map(|c| c.1).sum();
+        assert!((total + dead as f64 / n as f64 - 1.0).abs() < 0.01, "{total} {dead}");
+    }
 }

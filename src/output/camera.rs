@@ -20,6 +20,8 @@ const LOOKS: u32 = 64;
 const STRAY: usize = 3;
 /// Median share of the looks from the air that must meet a surface for the scene to count as a room.
 const ROOM_SHARE: f32 = 0.75;
+/// A room is looked at from outside if its inside shows no more than this share of what its outside does.
+const HOLLOW: f32 = 0.05;
 /// Compass points that are tried, in a room and around an object.
 const COMPASS: u32 = 12;
 /// Pitches in a room and elevation around an object, degrees.
@@ -68,7 +70,7 @@ impl View {
 
 /// How bright the surfaces are: one entry a face id of [`crate::trace::Hit`], 0 (black) to 1.
 ///
-/// The median of the lit faces' mean luminances becomes 1/2, so that the dim ones count too.
+/// The mean luminance of the lit faces becomes 1/2, so that a few very bright ones do not decide alone.
 pub fn brightness(scene: &Scene, mesh: &SplitMesh, light: &Irradiance) -> Vec<f32> {
     let mut sums = vec![(0.0f32, 0.0f32); 2 * scene.triangles.len()];
     for (i, triangle) in mesh.triangles.iter().enumerate() {
@@ -84,13 +86,12 @@ pub fn brightness(scene: &Scene, mesh: &SplitMesh, light: &Irradiance) -> Vec<f3
         sum.1 += area;
     }
     let means: Vec<f32> = sums.iter().map(|(light, area)| if *area > 0.0 { light / area } else { 0.0 }).collect();
-    let mut lit: Vec<f32> = means.iter().copied().filter(|l| *l > 0.0).collect();
-    if lit.is_empty() {
-        return means;
-    }
-    let middle = lit.len() / 2;
-    let median = *lit.select_nth_unstable_by(middle, f32::total_cmp).1;
-    means.into_iter().map(|l| l / (l + median)).collect()
+    let lit = sums
+        .iter()
+        .filter(|(light, _)| *light > 0.0)
+        .fold((0.0f64, 0.0f64), |(light, area), sum| (light + sum.0 as f64, area + sum.1 as f64));
+    let mean = (lit.0 / lit.1) as f32;
+    means.into_iter().map(|l| if l > 0.0 { l / (l + mean) } else { 0.0 }).collect()
 }
 
 /// Chooses a camera: inside a room, else three-quarter from outside with all of the scene in the picture; of the
@@ -99,8 +100,14 @@ pub fn automatic(scene: &Scene, sight: &Sight, brightness: &[f32], up: DVec3, as
     let (low, high) = bounds(&scene.positions);
     let chooser = Chooser { scene, sight, brightness, up: up.normalize_or(DVec3::Y), aspect, low, high };
     let air = chooser.air();
-    let inside = chooser.is_room(&air).then(|| chooser.best(chooser.views_inside(&air))).flatten();
-    inside.or_else(|| chooser.best(chooser.views_outside())).unwrap_or_else(|| chooser.outside(0))
+    let outside = chooser.best(chooser.views_outside());
+    let inside = if chooser.is_room(&air) { chooser.best(chooser.views_inside(&air)) } else { None };
+    match (inside, outside) {
+        // A dark hollow under sunlit ground is not what the scene is about.
+        (Some((camera, score)), Some((_, other))) if score > HOLLOW * other => camera,
+        (Some((camera, _)), None) | (_, Some((camera, _))) => camera,
+        (None, None) => chooser.outside(0),
+    }
 }
 
 /// A place that is not inside of anything.
@@ -212,15 +219,15 @@ impl Chooser<'_> {
         level * (cos * east + sin * north) + rise * up
     }
 
-    /// The view that sees most; `None` if none sees any light.
-    fn best(&self, views: Vec<Camera>) -> Option<Camera> {
-        let scores: Vec<f32> = views.iter().map(|c| self.score(c)).collect();
+    /// The view with the highest score, and that; `None` if no view sees any light.
+    fn best(&self, views: Vec<Camera>) -> Option<(Camera, f32)> {
+        let scored = views.into_iter().map(|c| (c, self.score(&c))).filter(|(_, score)| *score > 0.0);
         // The first of equals.
-        let best = (0..scores.len()).rev().max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
-        (scores[best] > 0.0).then(|| views[best])
+        scored.reduce(|best, next| if next.1 > best.1 { next } else { best })
     }
 
-    /// The area of surfaces in the picture, weighted by brightness; local units.
+    /// The area of surfaces in the picture, weighted by brightness; local units. What stands behind hidden backs does
+    /// not count, though a picture would show it.
     fn score(&self, camera: &Camera) -> f32 {
         let view = View::new(camera, &self.scene.frame, self.aspect);
         let (columns, rows) = PROBE;
@@ -232,7 +239,7 @@ impl Chooser<'_> {
             }
         }
         let pixel = 4.0 * view.right.length() * view.up.length() / (columns * rows) as f32;
-        let seen = self.sight.visible(&mut rays);
+        let seen = self.sight.nearest(&rays);
         let area = |(i, hit): (usize, &Hit)| {
             // A pixel's area, scaled from distance 1 to the surface's and turned into its plane; what is seen at a
             // grazing angle is not seen well.
@@ -241,7 +248,7 @@ impl Chooser<'_> {
             let area = pixel * hit.t * hit.t * direction.dot(view.forward) / slant;
             area * self.brightness.get(hit.face as usize).copied().unwrap_or(0.0)
         };
-        seen.iter().enumerate().filter(|(_, hit)| hit.is_hit()).map(area).sum()
+        seen.iter().enumerate().filter(|(_, hit)| hit.is_hit() && !self.sight.is_hidden(hit)).map(area).sum()
     }
 }
 

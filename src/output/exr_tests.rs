@@ -114,7 +114,7 @@ fn a_failed_write_leaves_nothing_behind() {
     };
     assert!(write_with(&path, &picture(), Compression::Zip, fails).is_err());
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
-    assert!(matches!(write(&folder.path().join("absent/picture.exr"), &picture(), Compression::Zip), Err(_)));
+    assert!(write(&folder.path().join("absent/picture.exr"), &picture(), Compression::Zip).is_err());
     // A folder stands where the file should go: the rename fails.
     fs::create_dir(&path).unwrap();
     fs::write(path.join("file"), "").unwrap();

@@ -4,6 +4,7 @@ pub mod atomic;
 pub mod camera;
 pub mod exr;
 pub mod glb;
+pub mod layers;
 pub mod ply;
 pub mod png;
 pub mod preview;

@@ -10,10 +10,11 @@ use serde::Deserialize;
 
 use super::{
     Camera, Material, WorldLight,
-    builder::{Builder, RawMaterial, list},
+    builder::{Builder, list},
     environment,
     load::read_mesh,
     path,
+    raw::RawMaterial,
     sides::SidesRule,
 };
 use crate::{

@@ -12,10 +12,11 @@ use json::validation::Validate;
 
 use super::{
     Camera, WorldLight,
-    builder::{Builder, RawMesh},
+    builder::Builder,
     gltf_data::Buffers,
     gltf_material::{self, Entry},
     path,
+    raw::RawMesh,
 };
 use crate::{Error, Result};
 

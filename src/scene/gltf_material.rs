@@ -14,9 +14,10 @@ use gltf::{Document, material::AlphaMode, texture::Info};
 
 use super::{
     Material,
-    builder::{Builder, Opacity, RawMaterial, list},
+    builder::{Builder, list},
     gltf_data::Buffers,
     mtl::DEFAULT_ALBEDO,
+    raw::{Opacity, RawMaterial},
 };
 
 /// Which texture coordinates a material reads, and how they are moved first (KHR_texture_transform).

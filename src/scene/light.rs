@@ -94,4 +94,19 @@ impl Light {
             Light::Environment(e) => e.texels.iter().any(|t| *t != Vec3::ZERO),
         }
     }
+
+    /// Whether all its numbers fit in f32.
+    pub(crate) fn is_finite(&self) -> bool {
+        let all = |v: &[Vec3]| v.iter().all(|v| v.is_finite());
+        match self {
+            Light::Rectangle { corner, edge_u, edge_v, radiance } => all(&[*corner, *edge_u, *edge_v, *radiance]),
+            Light::Disc { centre, radius, radiance, .. } => all(&[*centre, *radiance]) && radius.is_finite(),
+            Light::Point { position, intensity, .. } | Light::Spot { position, intensity, .. } => {
+                all(&[*position, *intensity])
+            }
+            Light::Sun { irradiance, .. } => irradiance.is_finite(),
+            Light::Sky { radiance } => radiance.is_finite(),
+            Light::Environment(e) => all(&e.texels),
+        }
+    }
 }

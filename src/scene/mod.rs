@@ -4,6 +4,7 @@ use glam::{DVec3, Vec2, Vec3};
 
 mod builder;
 pub mod check;
+mod clean;
 mod coincident;
 mod environment;
 mod facing;
@@ -20,19 +21,22 @@ mod obj;
 mod obj_scan;
 mod path;
 mod polygon;
+mod raw;
 mod shell;
 pub mod sides;
 mod topology;
 mod weld;
 mod world_light;
 
-pub use builder::{Builder, Dropped, Mark, Opacity, RawMaterial, RawMesh};
+pub use builder::{Builder, Mark};
 pub use check::{MaterialCheck, SceneCheck};
+pub use clean::Dropped;
 pub use file::FileSettings;
 pub use image::OpacityMap;
 pub use light::Light;
 pub use load::{SceneOverrides, load};
 pub use material::{Material, Texture};
+pub use raw::{Opacity, RawMaterial, RawMesh};
 pub use sides::{SideDecision, SideKind, SidesRule};
 pub use world_light::WorldLight;
 

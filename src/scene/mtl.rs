@@ -16,9 +16,10 @@ use glam::Vec3;
 
 use super::{
     Material,
-    builder::{Builder, Opacity, RawMaterial},
+    builder::Builder,
     image::{self, OpacityMap},
-    path,
+    obj_scan, path,
+    raw::{Opacity, RawMaterial},
 };
 
 /// Albedo of surfaces whose material says nothing about it.
@@ -59,7 +60,7 @@ pub(crate) fn read(
     let mut entries: Vec<Entry> = Vec::new();
     let mut problems: Vec<String> = Vec::new();
     for (number, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let line = line.split('#').next().unwrap_or("").trim();
+        let line = obj_scan::without_comment(line).trim();
         let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         let rest = rest.trim();
         if key == "newmtl" {
@@ -188,12 +189,12 @@ fn texture_name(text: &str) -> Option<String> {
             _ => 1,
         };
         for taken in 0..most {
-            let (word, after) = tail.trim_start().split_once(char::is_whitespace)?;
+            let next = tail.trim_start().split_once(char::is_whitespace);
             // Offsets and scales may leave out their last numbers.
-            if taken > 0 && word.parse::<f32>().is_err() {
+            if taken > 0 && next.is_none_or(|(word, _)| word.parse::<f32>().is_err()) {
                 break;
             }
-            tail = after;
+            tail = next?.1;
         }
         rest = tail.trim_start();
     }
@@ -210,7 +211,7 @@ mod tests {
         assert_eq!(name("a b c.jpg"), "a b c.jpg");
         assert_eq!(name("-s 1 1 1 -clamp on a b.jpg"), "a b.jpg");
         assert_eq!(name("-o 0.5 a.png"), "a.png");
-        assert_eq!(texture_name("-s 1 1"), None);
+        assert_eq!(texture_name("-clamp on"), None);
     }
 
     #[test]

@@ -10,10 +10,11 @@ use glam::{DVec3, Vec2, Vec3};
 
 use super::{
     Material,
-    builder::{Builder, RawMaterial, RawMesh, list},
+    builder::{Builder, list},
     mtl::{self, DEFAULT_ALBEDO, TextureCache},
     obj_scan::{self, Run},
     path, polygon,
+    raw::{RawMaterial, RawMesh},
 };
 use crate::{Error, Result};
 

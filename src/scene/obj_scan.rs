@@ -77,7 +77,7 @@ struct Scanner {
 
 impl Scanner {
     fn statement(&mut self, number: u32, line: &str) -> Result<(), String> {
-        let line = line.split('#').next().unwrap_or("").trim();
+        let line = without_comment(line).trim();
         let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
         match key {
             "v" => self.vertex(rest)?,
@@ -210,6 +210,12 @@ impl Scanner {
         let _ = writeln!(self.out.text, "o {}", self.out.runs.len());
         self.out.runs.push(Run { name, material: self.material.clone(), lines: Vec::new(), attributes });
     }
+}
+
+/// The line up to a `#` that stands at its start or behind a space; `1.#INF` and names may hold one.
+pub(crate) fn without_comment(line: &str) -> &str {
+    let comment = line.match_indices('#').find(|(i, _)| line[..*i].chars().next_back().is_none_or(char::is_whitespace));
+    comment.map_or(line, |(i, _)| &line[..i])
 }
 
 /// Adds white to all vertices without a colour.

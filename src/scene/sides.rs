@@ -1,6 +1,6 @@
 //! Which sides of surfaces count.
 //!
-//! The rule of [`SidesRule::Auto`], by connected component (see [`super::topology`]):
+//! The rule of [`SidesRule::Auto`], by connected component (see `topology.rs`):
 //! - Winding that differs within a component is repaired; where no common winding exists (a Moebius strip), the component
 //!   is two-sided as it stands.
 //! - A closed surface is a solid: one-sided, normals outwards.

@@ -16,7 +16,7 @@ pub use grid::Grid;
 pub use hit_map::HitMap;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
-pub use surfels::surfels;
+pub use surfels::{count, surfels};
 
 use glam::Vec3;
 

@@ -19,15 +19,7 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
         (0..scene.triangles.len()).into_par_iter().map(|t| normal_of(&corners(&geometry, t))).collect();
     let whole = clip(scene, &grid);
 
-    // Every visible side of every fragment, voxel by voxel.
-    let mut sides: Vec<(u64, u32)> = (0..whole.len())
-        .flat_map(|f| {
-            let two_sided = scene.triangles[whole.triangle[f] as usize].two_sided;
-            let voxel = whole.voxel[f];
-            (0..=two_sided as u32).map(move |side| (voxel, (f as u32) << 1 | side))
-        })
-        .collect();
-    sides.par_sort_unstable();
+    let sides = sides_by_voxel(scene, &whole);
     let voxels: Vec<&[(u64, u32)]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
 
     let separated: Vec<_> = voxels
@@ -66,6 +58,37 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
     let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours);
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
+}
+
+/// Every visible side of every fragment as (voxel, `fragment * 2 + side`), voxel by voxel.
+fn sides_by_voxel(scene: &Scene, fragments: &Fragments) -> Vec<(u64, u32)> {
+    let mut sides: Vec<(u64, u32)> = (0..fragments.len())
+        .flat_map(|f| {
+            let two_sided = scene.triangles[fragments.triangle[f] as usize].two_sided;
+            let voxel = fragments.voxel[f];
+            (0..=two_sided as u32).map(move |side| (voxel, (f as u32) << 1 | side))
+        })
+        .collect();
+    sides.par_sort_unstable();
+    sides
+}
+
+/// Counts fragments, patches before any is split, and the fragments of each mesh.
+pub fn count(scene: &Scene, grid: &Grid) -> (usize, usize, Vec<usize>) {
+    let whole = clip(scene, grid);
+    let normals: Vec<Vec3> = (0..scene.triangles.len()).into_par_iter().map(|t| scene.normal(t)).collect();
+    let sides = sides_by_voxel(scene, &whole);
+    let voxels: Vec<&[(u64, u32)]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
+    let patches = voxels
+        .par_iter()
+        .map(|voxel| {
+            let members: Vec<u32> = voxel.iter().map(|s| s.1).collect();
+            cluster(&members, |m| side_normal(&normals, &whole, m)).len()
+        })
+        .sum();
+    let mut by_mesh = vec![0; scene.meshes.len()];
+    whole.triangle.iter().for_each(|&t| by_mesh[scene.triangles[t as usize].mesh as usize] += 1);
+    (whole.len(), patches, by_mesh)
 }
 
 /// Unit normal of the side that `member` (`fragment * 2 + side`) names.

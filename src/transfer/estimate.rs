@@ -246,9 +246,7 @@ impl Caster<'_> {
 
     /// Casts the rays of patch `i`; `again` is 0 for its row, else the number of another, independent set.
     fn cast(&self, i: u32, sets: &PointSets, again: u64, s: &mut Scratch) {
-        s.emitter.load(self.simplified, i as usize);
-        let random = [0, 1].map(|k| sampling::hash(&[self.seed, ROW, i as u64, k + 2 * again]));
-        s.emitter.rays(sets, random, &mut s.rays);
+        row_rays(self.simplified, sets, i, self.seed, again, &mut s.emitter, &mut s.rays);
         s.hits.resize(s.rays.len(), Hit::NONE);
         self.tracer.closest_hits(&s.rays, &mut s.hits);
     }
@@ -290,6 +288,21 @@ impl Caster<'_> {
     fn give_back(&self, s: Scratch) {
         self.scratch.lock().expect("no thread panics with the lock").push(s);
     }
+}
+
+/// The rays of row `i`; `again` is 0 for those that are counted.
+pub fn row_rays(
+    simplified: &Simplified,
+    sets: &PointSets,
+    i: u32,
+    seed: u64,
+    again: u64,
+    emitter: &mut Emitter,
+    rays: &mut RayBatch,
+) {
+    emitter.load(simplified, i as usize);
+    let random = [0, 1].map(|k| sampling::hash(&[seed, ROW, i as u64, k + 2 * again]));
+    emitter.rays(sets, random, rays);
 }
 
 /// Purpose word of the rows' random bits.

@@ -6,6 +6,6 @@ mod matrix;
 mod points;
 
 pub use emit::{Emitter, patch_points};
-pub use estimate::{Estimate, estimate};
+pub use estimate::{Estimate, estimate, row_rays};
 pub use matrix::{FormFactors, Row};
 pub use points::PointSets;

@@ -1,0 +1,114 @@
+//! What a bake will take, before a ray is cast.
+
+use serde::Serialize;
+
+use crate::{
+    BakeOptions, Result, Scene,
+    options::PatchSource,
+    simplify::{self, Grid},
+};
+
+/// Sizes and costs of a bake that has not begun.
+///
+/// The scene is cut into voxels as the bake will cut it, so fragments are exact; patches are exact but for those that
+/// are split where they straddle something (a few per cent more). All patches are taken as reached by light: rays,
+/// bytes and seconds are upper estimates for scenes with outer shells or sealed parts.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Forecast {
+    /// Voxel size, world units.
+    pub voxel_size: f64,
+    /// Voxels along each axis.
+    pub voxels: [u32; 3],
+    /// Pieces of triangles.
+    pub fragments: usize,
+    /// Patches.
+    pub patches: usize,
+    /// Form-factor rays.
+    pub rays: u64,
+    /// Bytes of the form factors.
+    pub form_factor_bytes: u64,
+    /// Largest memory, bytes.
+    pub memory_bytes: u64,
+    /// Seconds on this machine's threads, within a factor of three.
+    pub seconds: f64,
+    /// The mesh with most fragments, and its share of them.
+    pub largest_mesh: Option<(String, f64)>,
+}
+
+impl std::fmt::Display for Forecast {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let [x, y, z] = self.voxels;
+        writeln!(
+            f,
+            "forecast      {x} x {y} x {z} voxels of {:.4}; {} fragments, {} patches",
+            self.voxel_size, self.fragments, self.patches
+        )?;
+        writeln!(
+            f,
+            "              {:.1} million form-factor rays, {:.1} MB of form factors, {:.1} MB of memory, about {:.1} s",
+            self.rays as f64 * 1e-6,
+            self.form_factor_bytes as f64 * 1e-6,
+            self.memory_bytes as f64 * 1e-6,
+            self.seconds
+        )?;
+        match &self.largest_mesh {
+            Some((mesh, share)) => {
+                writeln!(f, "              most of it from mesh \"{mesh}\": {:.0} % of the fragments", 100.0 * share)
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Bytes a triangle: scene, ray-tracing structure, copies for it.
+const TRIANGLE_BYTES: f64 = 420.0;
+/// Bytes a fragment: its corners, and its vertices with their light.
+const FRAGMENT_BYTES: f64 = 700.0;
+/// Bytes a patch without its row.
+const PATCH_BYTES: f64 = 420.0;
+/// Bytes a ray of a row: 0.7 entries of 2.1 bytes, twice while rows are put in order.
+const RAY_BYTES: f64 = 2.0 * 0.7 * 2.1;
+/// What the program itself takes.
+const BASE_BYTES: f64 = 30e6;
+
+/// Foretells the bake of `scene` with `options`.
+///
+/// # Errors
+/// As of the bake: voxels that do not fit the scene.
+pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
+    let grid = Grid::new(scene, options.resolution)?;
+    let (fragments, mut patches, by_mesh) = simplify::count(scene, &grid);
+    if options.patches == PatchSource::Faces {
+        patches = simplify::faces(scene, grid, options.face_colour).patches.len();
+    }
+    let rays = patches as u64 * options.rays as u64;
+    let row_bytes = options.rays as f64 * RAY_BYTES;
+    let memory = BASE_BYTES
+        + scene.triangles.len() as f64 * TRIANGLE_BYTES
+        + fragments as f64 * FRAGMENT_BYTES
+        + patches as f64 * (PATCH_BYTES + row_bytes);
+    let largest_mesh = by_mesh
+        .iter()
+        .enumerate()
+        .max_by_key(|(i, n)| (**n, std::cmp::Reverse(*i)))
+        .map(|(i, n)| (scene.meshes[i].clone(), *n as f64 / fragments.max(1) as f64));
+    Ok(Forecast {
+        voxel_size: grid.voxel_size * scene.frame.scale,
+        voxels: grid.dims,
+        fragments,
+        patches,
+        rays,
+        form_factor_bytes: (patches as f64 * row_bytes / 2.0) as u64,
+        memory_bytes: memory as u64,
+        seconds: seconds(scene, fragments, rays),
+        largest_mesh,
+    })
+}
+
+/// Rays take longer the deeper the tree; fragments pay for clipping, vertices, shadow and visibility rays.
+fn seconds(scene: &Scene, fragments: usize, rays: u64) -> f64 {
+    let threads = rayon::current_num_threads() as f64;
+    let depth = (scene.triangles.len().max(2) as f64).log2();
+    let ray = 40e-9 + 12e-9 * depth;
+    (rays as f64 * ray + fragments as f64 * (5e-6 + 64.0 * ray)) / threads
+}
