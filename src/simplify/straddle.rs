@@ -82,7 +82,11 @@ pub(super) fn separate(
             let pieces: Vec<Piece> =
                 cluster.iter().flat_map(|&m| (0..pieces_of(m)).map(move |piece| Piece { member: m, piece })).collect();
             let was_cut = pieces.len() > cluster.len();
-            if (was_cut || straddles) && pieces.len() <= MOST_PIECES { view.cliques(&cuts, &pieces) } else { vec![pieces] }
+            if (was_cut || straddles) && pieces.len() <= MOST_PIECES {
+                view.cliques(&cuts, &pieces)
+            } else {
+                vec![pieces]
+            }
         })
         .collect();
     Separated { cuts, groups }
