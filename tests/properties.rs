@@ -103,7 +103,13 @@ fn bits(bake: &Bake) -> Vec<u32> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 12, failure_persistence: None, ..ProptestConfig::default() })]
+    // The same cases every time; PROPTEST_RNG_SEED and PROPTEST_CASES do not apply.
+    #![proptest_config(ProptestConfig {
+        cases: 12,
+        rng_seed: proptest::test_runner::RngSeed::Fixed(2),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn fragments_tile_the_surfaces_and_lie_in_their_voxels(seed: u64, grid in 2_u32..40) {
@@ -173,6 +179,17 @@ proptest! {
             let (a, b) = ((corners[1] - corners[0]).length(), (corners[2] - corners[0]).length());
             prop_assert!(distance * a.max(b) < 2e-5, "the hit lies {} outside its fragment", distance * a.max(b));
         }
+    }
+
+    #[test]
+    fn a_wall_leaks_at_no_angle(seed: u64, kind in 0..3, exponent in -3.0..0.0) {
+        let mut random = Random(seed, 0);
+        let axis = random.vector().normalize();
+        let turn = DAffine3::from_axis_angle(axis, 3.0 * random.next());
+        let wall = [Wall::TwoRooms, Wall::Slab, Wall::Sheet][kind as usize];
+        let leak = leak(wall, 10.0_f64.powf(exponent), &options(8, 256), turn);
+        // Single points in the very corner of the dark room may get more: 4 % in one of 60 turns.
+        prop_assert!(leak.points < 0.005 && leak.vertices < 0.005, "{wall:?}: {leak:?}");
     }
 
     #[test]
@@ -309,41 +326,141 @@ fn the_order_of_meshes_changes_light_within_its_error() {
     }
 }
 
-/// Two rooms that share a wall `thickness` voxels thick; light in the left one. Mean irradiance of the dark room over
-/// that of the lit one.
-fn leak(thickness: f64, base: BakeOptions, turn: DAffine3) -> f64 {
+#[test]
+fn the_order_of_triangles_changes_no_area_and_no_patch() {
+    // Gentle hills, then the same in reverse: where normals of a voxel differ much, groups form by who comes first.
+    let bake = |reverse: bool| {
+        let mut world = World::new();
+        let grey = world.grey(0.6, 0.0);
+        let corner = |x: u32, y: u32| DVec3::new(x as f64, y as f64, 0.08 * ((x * 7 + y * 3) % 5) as f64);
+        let mut cells: Vec<(u32, u32)> = (0..7).flat_map(|x| (0..7).map(move |y| (x, y))).collect();
+        if reverse {
+            cells.reverse();
+        }
+        let positions = cells.iter().flat_map(|&(x, y)| [corner(x, y), corner(x + 1, y), corner(x, y + 1)]).collect();
+        let triangles = (0..cells.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        world.mesh("hills", positions, triangles, grey);
+        world.builder.add_light(WorldLight::Sky { radiance: Vec3::ONE });
+        world.build().bake(&options(9, 64))
+    };
+    let (a, b) = (bake(false), bake(true));
+    assert_eq!(a.patches().voxel, b.patches().voxel);
+    let sum = |bake: &Bake| bake.patches().area.iter().map(|&a| a as f64).sum::<f64>();
+    assert!((sum(&a) / sum(&b) - 1.0).abs() < 1e-6);
+    for i in 0..a.patches().len() {
+        // The order of a sum of f64, rounded to f32.
+        assert!((a.patches().area[i] / b.patches().area[i] - 1.0).abs() < 1e-6);
+        assert!(a.patches().centroid[i].distance(b.patches().centroid[i]) < 1e-6);
+    }
+}
+
+/// How two rooms are parted.
+#[derive(Clone, Copy, Debug)]
+enum Wall {
+    /// Each room has its own side.
+    TwoRooms,
+    /// A slab stands through floor and ceiling of one long room.
+    Slab,
+    /// A two-sided sheet without thickness does.
+    Sheet,
+}
+
+/// Irradiance in a dark room over the mean in the lit one beside it.
+#[derive(Debug)]
+struct Leak {
+    points: f64,
+    largest: f64,
+    vertices: f64,
+}
+
+impl Leak {
+    fn check(&self) {
+        assert!(self.points < 0.005 && self.vertices < 0.005 && self.largest < 0.025, "{self:?}");
+    }
+}
+
+/// Two rooms that share a wall `thickness` voxels thick; light in the left one.
+fn leak(wall: Wall, thickness: f64, base: &BakeOptions, turn: DAffine3) -> Leak {
     let h = 1.0 / 8.0;
     let half = 0.5 * thickness * h;
     let mut world = World::new();
-    let wall = world.grey(0.8, 0.0);
+    let grey = world.grey(0.8, 0.0);
     // Off the planes of symmetry.
     let middle = 1.03;
-    world.named_room("lit", DVec3::ZERO, DVec3::new(middle - half, 1.0, 1.0), wall);
-    world.named_room("dark", DVec3::new(middle + half, 0.0, 0.0), DVec3::new(2.1, 1.0, 1.0), wall);
+    let (low, high, length) = (DVec3::ZERO, DVec3::ONE, 2.1);
+    match wall {
+        Wall::TwoRooms => {
+            world.room(low, high.with_x(middle - half), grey);
+            world.room(low.with_x(middle + half), high.with_x(length), grey);
+        }
+        Wall::Slab => {
+            world.room(low, high.with_x(length), grey);
+            world.block((low - 0.05).with_x(middle - half), (high + 0.05).with_x(middle + half), grey);
+        }
+        Wall::Sheet => {
+            world.room(low, high.with_x(length), grey);
+            let corner = (low - 0.05).with_x(middle);
+            world.quad("sheet", corner, DVec3::Y * 1.1, DVec3::Z * 1.1, grey);
+        }
+    }
     world.point_light(DVec3::new(0.5, 0.4, 0.6), 100.0);
     world.transform(turn);
-    let stage = world.build();
-    let bake = stage.bake(&BakeOptions { resolution: Resolution::Voxel(h), ..base });
-    let (mut light, mut area) = ([0.0; 2], [0.0; 2]);
-    for (t, &source) in bake.mesh.triangles.iter().zip(&bake.mesh.source) {
-        let mesh = stage.scene.triangles[source as usize].mesh;
-        let room = (stage.scene.meshes[mesh as usize] == "dark") as usize;
-        let [a, b, c] = t.map(|v| bake.mesh.positions[v as usize].as_dvec3());
-        let own = (b - a).cross(c - a).length();
-        area[room] += own;
-        let total = |v: u32| (bake.vertices.indirect[v as usize].x + bake.vertices.direct[v as usize].x) as f64;
-        light[room] += own * t.iter().map(|&v| total(v)).sum::<f64>() / 3.0;
+    let mut stage = world.build();
+    for t in &mut stage.scene.triangles {
+        t.two_sided = stage.scene.meshes[t.mesh as usize] == "sheet";
     }
-    (light[1] / area[1]) / (light[0] / area[0])
+    let bake = stage.bake(&BakeOptions { resolution: Resolution::Voxel(h), ..base.clone() });
+
+    // The same places in both rooms, some of them 0.05 voxels from the wall. Halves of the rooms: `x` from the wall.
+    let half = if let Wall::Sheet = wall { 0.0 } else { half };
+    let points = [-1.0, 1.0].map(|side| {
+        let mut points = Vec::new();
+        for x in [0.05 * h, 0.3 * h, 0.9 * h, 2.0 * h, 0.5, 0.8] {
+            for y in [0.03, 0.2, 0.5, 0.77, 0.96] {
+                let x = middle + side * (half + x);
+                points.push(stage.point([x, y, 0.0], [0.0, 0.0, 1.0]));
+                points.push(stage.point([x, y, 1.0], [0.0, 0.0, -1.0]));
+                points.push(stage.point([x, 0.0, y], [0.0, 1.0, 0.0]));
+                points.push(stage.point([x, 1.0, y], [0.0, -1.0, 0.0]));
+            }
+        }
+        for y in [0.02, 0.3, 0.55, 0.97] {
+            for z in [0.01, 0.4, 0.98] {
+                points.push(stage.point([middle + side * half, y, z], [side, 0.0, 0.0]));
+            }
+        }
+        points
+    });
+    let light = points.map(|points| {
+        let light = bake.irradiance(&points, &Silent);
+        light.direct.iter().zip(&light.indirect).map(|(d, i)| (d.x + i.x) as f64).collect::<Vec<_>>()
+    });
+    // The vertices of the dark room; samples stand a little inside of their triangles.
+    let back = turn.inverse();
+    let vertices = (0..bake.mesh.samples.len()).filter(|&v| {
+        let at = stage.scene.frame.to_world(bake.mesh.samples[v].position);
+        back.transform_point3(at).x > middle + half + 1e-4 * h
+    });
+    let vertices: Vec<f64> =
+        vertices.map(|v| (bake.vertices.direct[v].x + bake.vertices.indirect[v].x) as f64).collect();
+    let mean = |light: &[f64]| light.iter().sum::<f64>() / light.len() as f64;
+    let bright = mean(&light[0]);
+    Leak {
+        points: mean(&light[1]) / bright,
+        largest: light[1].iter().copied().fold(0.0, f64::max) / bright,
+        vertices: mean(&vertices) / bright,
+    }
 }
 
 #[test]
 fn a_sealed_room_stays_dark_behind_a_thin_wall() {
     for turn in [DAffine3::IDENTITY, rotation()] {
-        for thickness in [0.5, 0.02, 0.001] {
-            let share = leak(thickness, options(8, 256), turn);
-            println!("wall of {thickness} voxels: the dark room has {:.4} % of the light", 100.0 * share);
-            assert!(share < 0.005, "{thickness}: {share}");
+        for wall in [Wall::TwoRooms, Wall::Slab, Wall::Sheet] {
+            for thickness in [0.5, 0.02, 0.001] {
+                let leak = leak(wall, thickness, &options(8, 256), turn);
+                println!("{wall:?}, {thickness} voxels, turned {}: {leak:?}", turn != DAffine3::IDENTITY);
+                leak.check();
+            }
         }
     }
 }
@@ -493,7 +610,7 @@ fn degenerate_scenes_bake_or_say_why_not() {
     let error = luxel::bake(&dark.build().scene, &options(8, 16), &Silent).err().expect("no light");
     assert!(error.to_string().contains("--sky"), "{error}");
 
-    let error = Builder::new("empty").build(SidesRule::One).err().expect("nothing there");
+    let error = Builder::new("empty").build(SidesRule::One).expect_err("nothing there");
     assert!(error.to_string().contains("no geometry"), "{error}");
 }
 
