@@ -264,3 +264,32 @@ fn bounds(positions: &[Vec3]) -> (Vec3, Vec3) {
     let fold = |f: fn(Vec3, Vec3) -> Vec3| positions.iter().copied().reduce(f).unwrap_or_default();
     (fold(Vec3::min), fold(Vec3::max))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: Frame = Frame { origin: DVec3::new(1.0, 2.0, 3.0), scale: 4.0 };
+
+    #[test]
+    fn a_view_spans_its_angle_with_right_to_the_right_and_up_at_the_top() {
+        let position = DVec3::new(1.0, 2.0, 7.0);
+        let camera = Camera { position, target: FRAME.origin, up: DVec3::Y, vertical_fov: 90.0 };
+        let view = View::new(&camera, &FRAME, 2.0);
+        assert_eq!(view.origin, Vec3::Z);
+        let near = |a: Vec3, b: Vec3| assert!((a - b).length() < 1e-6, "{a} is not {b}");
+        near(view.direction(0.5, 0.5), Vec3::NEG_Z);
+        // tan 45 degrees = 1 upwards, twice that sideways.
+        near(view.direction(0.0, 0.0), Vec3::new(-2.0, 1.0, -1.0));
+        near(view.direction(1.0, 1.0), Vec3::new(2.0, -1.0, -1.0));
+    }
+
+    #[test]
+    fn looking_straight_down_has_a_finite_view() {
+        let position = DVec3::new(1.0, 6.0, 3.0);
+        let camera = Camera { position, target: FRAME.origin, up: DVec3::Y, vertical_fov: 40.0 };
+        let view = View::new(&camera, &FRAME, 1.0);
+        assert!(view.right.is_finite() && view.up.is_finite());
+        assert!(view.right.dot(view.forward).abs() < 1e-6 && view.right.length() > 0.3);
+    }
+}
