@@ -168,14 +168,23 @@ proptest! {
         let mut hits = vec![Hit::NONE; rays.len()];
         bake.tracer().closest_hits(&rays, &mut hits);
         for hit in hits.iter().filter(|h| h.is_hit()) {
-            let f = bake.simplified.hit_map.fragment(fragments, hit);
-            prop_assert_eq!(fragments.triangle[f] as usize, hit.triangle());
+            let patch = bake.simplified.hit_map.patch(fragments, hit);
+            prop_assert!(patch != NO_PATCH, "soups are two-sided");
+            let p = Vec2::new(hit.u, hit.v);
+            let outside = |f: usize| -luxel::simplify::clip::depth_inside(fragments.uv(f), p);
+            let members = bake.patches().members(patch as usize).iter();
+            let own = members.filter(|&&m| m & 1 == hit.is_back() as u32).map(|&m| (m >> 1) as usize);
+            let f = own
+                .filter(|&f| fragments.triangle[f] as usize == hit.triangle())
+                .min_by(|&a, &b| outside(a).total_cmp(&outside(b)));
+            prop_assert!(f.is_some(), "the patch has no piece of the side that was hit");
+            let f = f.unwrap_or_default();
             let corners = bake.simplified.corners(hit.triangle());
-            let p = point_at(&corners, Vec2::new(hit.u, hit.v)).as_dvec3();
-            let off = (p - grid.centre(grid.voxel_at(fragments.voxel[f]))).abs().max_element() - 0.5 * grid.voxel_size;
+            let at = point_at(&corners, p).as_dvec3();
+            let off = (at - grid.centre(grid.voxel_at(fragments.voxel[f]))).abs().max_element() - 0.5 * grid.voxel_size;
             // Rounding of the tracer's u and v; slivers turn it into up to some 1e-5 of their length.
             prop_assert!(off < 2e-5, "the hit lies {off} outside the voxel of its fragment");
-            let distance = -luxel::simplify::clip::depth_inside(fragments.uv(f), Vec2::new(hit.u, hit.v));
+            let distance = outside(f);
             let (a, b) = ((corners[1] - corners[0]).length(), (corners[2] - corners[0]).length());
             prop_assert!(distance * a.max(b) < 2e-5, "the hit lies {} outside its fragment", distance * a.max(b));
         }
