@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::{
     BakeOptions, Error, Result, Scene,
-    light::{self, LightSet},
+    light::{self, Bright, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
     reconstruct::{self, Field, PatchIndex},
@@ -67,6 +67,10 @@ pub struct Bake {
     pub report: Report,
     options: BakeOptions,
     lights: LightSet,
+    /// Bright patches, whose first reflection lights vertices and points as lamps do.
+    bright: Option<LightSet>,
+    /// Indirect irradiance of the patches without what the bright ones send.
+    smooth: Vec<Vec3>,
     index: PatchIndex,
     /// Normals of the scene's triangles.
     normals: Vec<Vec3>,
@@ -122,7 +126,12 @@ impl Bake {
                 let emitted = self.interpolate(block, &self.light.direct);
                 all.direct[start..].iter_mut().zip(emitted).for_each(|(d, e)| *d = e);
             }
-            all.indirect.extend(self.interpolate(block, &self.light.indirect));
+            let mut indirect = self.interpolate(block, &self.smooth);
+            if let Some(bright) = &self.bright {
+                let sent = light::irradiance(bright, &*self.tracer, block, 1, samples, self.options.seed);
+                indirect.iter_mut().zip(sent.irradiance).for_each(|(i, e)| *i += e);
+            }
+            all.indirect.extend(indirect);
             progress.advance(block.len() as u64);
         }
         progress.end();
@@ -171,7 +180,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     clock.stop("simplify");
 
     let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
-    let (mut direct, patch_rays) = patch_direct(&simplified, &lights, &*tracer, options, progress);
+    let (mut direct, mut visibility) = patch_direct(&simplified, &lights, &*tracer, options, progress);
     clock.stop("direct");
 
     let patches = &simplified.patches;
@@ -210,16 +219,35 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let albedo: Vec<[f64; 3]> = patches.albedo.iter().map(|&a| rgb(a)).collect();
     let source: Vec<[f64; 3]> =
         direct.iter().zip(&albedo).map(|(e, a)| std::array::from_fn(|c| e[c] as f64 * a[c])).collect();
-    let solution = solve::solve(&form_factors, &albedo, &source, options.tolerance);
+    // The first reflection of bright patches is sent by shadow rays, the rest by form factors.
+    let bright = match options.patches {
+        PatchSource::Surfels => Bright::choose(&simplified, &source, &estimate.reached),
+        PatchSource::Faces => None,
+    };
+    let mut sent = vec![Vec3::ZERO; patches.len()];
+    let mut rest = source.clone();
+    if let Some(bright) = &bright {
+        let (received, rays) = patch_direct(&simplified, &bright.lights, &*tracer, options, progress);
+        visibility += rays;
+        bright.patches.iter().for_each(|&i| rest[i as usize] = [0.0; 3]);
+        for i in 0..patches.len() {
+            if form_factors.has_row(i) {
+                sent[i] = received[i] / (1.0 - form_factors.hidden(i) as f32).max(0.05);
+                rest[i] = std::array::from_fn(|c| rest[i][c] + albedo[i][c] * sent[i][c] as f64);
+            }
+        }
+        clock.stop("bright patches");
+    }
+    let solution = solve::solve(&form_factors, &albedo, &rest, options.tolerance);
     clock.stop("solve");
 
-    let light = PatchLight {
-        direct,
-        indirect: solution.irradiance.iter().map(|&e| vec3(e)).collect(),
-        radiosity: solution.radiosity.iter().map(|&b| vec3(b)).collect(),
-        reached: estimate.reached,
-        known: estimate.visible,
-    };
+    let smooth: Vec<Vec3> = solution.irradiance.iter().map(|&e| vec3(e)).collect();
+    let indirect: Vec<Vec3> = smooth.iter().zip(&sent).map(|(a, b)| *a + *b).collect();
+    let mut radiosity: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
+    if let Some(bright) = &bright {
+        bright.patches.iter().for_each(|&i| radiosity[i as usize] += vec3(source[i as usize]));
+    }
+    let light = PatchLight { direct, indirect, radiosity, reached: estimate.reached, known: estimate.visible };
     let index = PatchIndex::new(&simplified.patches, grid);
     let mesh = vertex_mesh(scene, &simplified, &light, &index, options, &*tracer);
     clock.stop("split mesh");
@@ -234,6 +262,8 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         report: Report::default(),
         options: options.clone(),
         lights,
+        bright: bright.map(|b| b.lights),
+        smooth,
         index,
         normals,
         tracer,
@@ -242,7 +272,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     bake.vertices = bake.irradiance(&bake.mesh.samples, progress);
     clock.stop("vertices");
 
-    bake.report = report(scene, &bake, &solution, estimate.rays, patch_rays, rows_seconds, clock);
+    bake.report = report(scene, &bake, &solution, estimate.rays, visibility, rows_seconds, clock);
     Ok(bake)
 }
 

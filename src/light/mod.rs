@@ -11,6 +11,7 @@ use glam::Vec3;
 use crate::{Scene, bake::SurfacePoint, scene::Light, trace::RayTracer};
 
 mod aim;
+mod bright;
 mod emitters;
 mod estimate;
 mod form;
@@ -20,7 +21,8 @@ mod sky;
 mod spherical;
 mod tree;
 
-use lamp::Lamp;
+pub use bright::Bright;
+use lamp::{Lamp, Polygon, Shape};
 use sky::{Map, Sky};
 use tree::Tree;
 
@@ -57,6 +59,15 @@ impl LightSet {
             }
         }
         LightSet::of(lamps, sky)
+    }
+
+    /// Polygons of a scene's surfaces that radiate from their fronts: corners (3, or 4 of a parallelogram,
+    /// counter-clockwise as seen from the front; local) and radiance, W/m2/sr. Those without area are left out.
+    pub fn of_polygons<'a>(polygons: impl Iterator<Item = (&'a [Vec3], Vec3)>) -> LightSet {
+        let lamp = |(corners, colour): (&[Vec3], Vec3)| {
+            Some(Lamp { shape: Shape::Polygon(Polygon::new(corners, false)?), colour, surface: true })
+        };
+        LightSet::of(polygons.filter_map(lamp).collect(), Sky::default())
     }
 
     fn of(lamps: Vec<Lamp>, sky: Sky) -> LightSet {
