@@ -77,3 +77,8 @@ pub use error::{Error, Result};
 pub use forecast::forecast;
 pub use options::BakeOptions;
 pub use scene::Scene;
+
+/// The README's code compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

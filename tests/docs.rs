@@ -67,7 +67,19 @@ fn help(arguments: &[&str]) -> String {
 }
 
 /// Options of cargo and its kin that the documents speak of.
-const FOREIGN: [&str; 6] = ["--check", "--features", "--no-default-features", "--no-deps", "--release", "--example"];
+const FOREIGN: [&str; 11] = [
+    "--all-targets",
+    "--example",
+    "--features",
+    "--lib",
+    "--no-default-features",
+    "--no-deps",
+    "--nocapture",
+    "--open",
+    "--release",
+    "--check",
+    "--test",
+];
 
 #[test]
 fn every_option_that_the_documents_name_exists() {
@@ -107,4 +119,31 @@ fn every_subcommand_and_scene_that_the_readme_uses_exists() {
         seen += 1;
     }
     assert!(seen >= 3, "only {seen} command lines found");
+}
+
+#[test]
+fn the_pipeline_names_the_stages_of_the_report() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let scene = root().join("scenes/furnace_box.toml");
+    let bake = Command::new(env!("CARGO_BIN_EXE_luxel"))
+        .args(["bake", "--grid", "4", "--preview-size", "16x12", "--quiet"])
+        .arg(&scene)
+        .arg("-o")
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(bake.status.success(), "{}", String::from_utf8_lossy(&bake.stderr));
+    let report = fs::read_to_string(folder.path().join("bake.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let mut at = 0;
+    for stage in report["stages"].as_array().unwrap() {
+        let name = format!("**{}**", stage["name"].as_str().unwrap());
+        at += readme[at..].find(&name).unwrap_or_else(|| panic!("README.md: no stage {name} in its place"));
+    }
+    // And every file that was written stands in the table of outputs.
+    for entry in fs::read_dir(folder.path()).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        assert!(readme.contains(&format!("`{name}`")), "README.md leaves out {name}");
+    }
 }
