@@ -1,0 +1,149 @@
+//! What the Markdown files say is there, is there.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn documents() -> Vec<PathBuf> {
+    let folders = [root().to_path_buf(), root().join("docs")];
+    let entries = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap());
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|e| e == "md"));
+    files.sort();
+    files
+}
+
+/// Targets of the links `[text](target)` in a text.
+fn links(text: &str) -> impl Iterator<Item = &str> {
+    text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target)
+}
+
+/// The anchor that a heading gets: lower case, blanks to hyphens, other signs left out.
+fn anchor(heading: &str) -> String {
+    let kept = heading.trim().chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
+    kept.collect::<String>().to_lowercase().replace(' ', "-")
+}
+
+fn anchors(text: &str) -> BTreeSet<String> {
+    text.lines().filter(|line| line.starts_with('#')).map(|line| anchor(line.trim_start_matches('#'))).collect()
+}
+
+#[test]
+fn links_between_files_lead_somewhere() {
+    let mut seen = 0;
+    for document in documents() {
+        let text = fs::read_to_string(&document).unwrap();
+        for link in links(&text).filter(|link| !link.contains("://")) {
+            let (file, section) = link.split_once('#').unwrap_or((link, ""));
+            let target = if file.is_empty() { document.clone() } else { document.parent().unwrap().join(file) };
+            assert!(target.exists(), "{}: no file {link}", document.display());
+            if !section.is_empty() {
+                let text = fs::read_to_string(&target).unwrap();
+                assert!(anchors(&text).contains(section), "{}: no section {link}", document.display());
+            }
+            seen += 1;
+        }
+    }
+    assert!(seen > 40, "only {seen} links found");
+}
+
+/// Words like `--grid` in a text.
+fn options(text: &str) -> BTreeSet<&str> {
+    let word = |c: char| c.is_ascii_alphanumeric() || c == '-';
+    let candidates = text.split(|c: char| !word(c)).filter(|w| w.starts_with("--"));
+    candidates.filter(|w| w[2..].starts_with(|c: char| c.is_ascii_lowercase())).collect()
+}
+
+fn help(arguments: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_luxel")).args(arguments).arg("--help").output().unwrap();
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Options of cargo and its kin that the documents speak of.
+const FOREIGN: [&str; 11] = [
+    "--all-targets",
+    "--example",
+    "--features",
+    "--lib",
+    "--no-default-features",
+    "--no-deps",
+    "--nocapture",
+    "--open",
+    "--release",
+    "--check",
+    "--test",
+];
+
+#[test]
+fn every_option_that_the_documents_name_exists() {
+    let texts = ["bake", "points", "check"].map(|command| help(&[command]));
+    let known: BTreeSet<&str> = texts.iter().flat_map(|text| options(text)).chain(FOREIGN).collect();
+    for document in documents() {
+        let text = fs::read_to_string(&document).unwrap();
+        for option in options(&text) {
+            assert!(known.contains(option), "{}: luxel has no option {option}", document.display());
+        }
+    }
+}
+
+#[test]
+fn the_readme_names_every_option() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let named = options(&readme);
+    for command in ["bake", "points", "check"] {
+        for option in options(&help(&[command])).into_iter().filter(|option| *option != "--help") {
+            assert!(named.contains(option), "README.md leaves out {option} of luxel {command}");
+        }
+    }
+}
+
+#[test]
+fn every_subcommand_and_scene_that_the_readme_uses_exists() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let commands = help(&[]);
+    let mut seen = 0;
+    for line in readme.lines().filter_map(|line| line.split_once("luxel ").filter(|(before, _)| before.ends_with('/')))
+    {
+        let words: Vec<&str> = line.1.split_whitespace().collect();
+        assert!(commands.lines().any(|l| l.trim_start().starts_with(words[0])), "no subcommand {}", words[0]);
+        for file in words.iter().filter(|word| word.starts_with("scenes/")) {
+            assert!(root().join(file).is_file(), "README.md: no scene {file}");
+        }
+        seen += 1;
+    }
+    assert!(seen >= 3, "only {seen} command lines found");
+}
+
+#[test]
+fn the_pipeline_names_the_stages_of_the_report() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let scene = root().join("scenes/furnace_box.toml");
+    let bake = Command::new(env!("CARGO_BIN_EXE_luxel"))
+        .args(["bake", "--grid", "4", "--preview-size", "16x12", "--quiet"])
+        .arg(&scene)
+        .arg("-o")
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(bake.status.success(), "{}", String::from_utf8_lossy(&bake.stderr));
+    let report = fs::read_to_string(folder.path().join("bake.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let mut at = 0;
+    for stage in report["stages"].as_array().unwrap() {
+        let name = format!("**{}**", stage["name"].as_str().unwrap());
+        at += readme[at..].find(&name).unwrap_or_else(|| panic!("README.md: no stage {name} in its place"));
+    }
+    // And every file that was written stands in the table of outputs.
+    for entry in fs::read_dir(folder.path()).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        assert!(readme.contains(&format!("`{name}`")), "README.md leaves out {name}");
+    }
+}
