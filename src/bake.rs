@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{
-    BakeOptions, Error, Result, Scene,
+    BakeOptions, Error, Result, Scene, forecast,
     light::{self, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
@@ -150,16 +150,17 @@ const BLOCK: usize = 1 << 14;
 ///
 /// # Errors
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
-/// for options without sense.
+/// for options without sense or voxels too small for the memory.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
     check(scene, options)?;
     let mut clock = Clock::new();
 
+    let grid = Grid::new(scene, options.resolution)?;
+    simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
     let tracer = trace::build(options.backend, &scene.geometry())?;
     let lights = LightSet::new(scene);
     clock.stop("build");
 
-    let grid = Grid::new(scene, options.resolution)?;
     let (simplified, face_tracer) = match options.patches {
         PatchSource::Surfels => (simplify::surfels(scene, grid, &*tracer), None),
         PatchSource::Faces => {

@@ -1,0 +1,73 @@
+//! Bugs that were, as cases that must not come back.
+
+mod common;
+
+use common::{World, options};
+use glam::DVec3;
+use luxel::{
+    BakeOptions,
+    options::Resolution,
+    progress::Silent,
+    simplify::{self, Grid},
+};
+
+/// A furnished room with a lamp.
+fn room() -> World {
+    let mut world = World::new();
+    let (wall, lamp) = (world.grey(0.7, 0.0), world.grey(0.2, 5.0));
+    world.room(DVec3::ZERO, DVec3::new(1.3, 1.0, 0.8), wall);
+    world.block(DVec3::new(0.31, 0.2, 0.0), DVec3::new(0.6, 0.53, 0.35), wall);
+    world.quad("lamp", DVec3::new(0.4, 0.4, 0.75), DVec3::Y * 0.3, DVec3::X * 0.3, lamp);
+    world
+}
+
+#[test]
+fn the_number_of_fragments_is_foretold() {
+    let mut world = room();
+    let wall = world.grey(0.5, 0.0);
+    world.sphere(DVec3::new(0.9, 0.5, 0.4), 0.25, 2, wall);
+    world.transform(common::rotation());
+    let scene = world.build().scene;
+    for n in [4, 16, 64] {
+        let grid = Grid::new(&scene, Resolution::Grid(n)).unwrap();
+        let (expected, got) = (simplify::expected_fragments(&scene, &grid), simplify::clip(&scene, &grid).len() as f64);
+        // A triangle meets one cell more or less with its place, independently: some 350 triangles, 3 sigma.
+        assert!((got - expected).abs() < 3.0 * 350_f64.sqrt() + 0.02 * expected, "{n}: {got} for {expected}");
+    }
+}
+
+#[test]
+fn more_fragments_than_memory_can_hold_are_refused_with_a_remedy() {
+    let mut world = World::new();
+    let grey = world.grey(0.5, 0.0);
+    for k in 0..200 {
+        let z = k as f64 * 0.005;
+        world.quad("sheet", DVec3::new(0.0, 0.0, z), DVec3::X, DVec3::Y + DVec3::Z, grey);
+    }
+    world.point_light(DVec3::splat(0.5), 1.0);
+    let scene = world.build().scene;
+    let fine = options(4096, 16);
+    for error in [
+        luxel::bake(&scene, &fine, &Silent).err().expect("far too many pieces").to_string(),
+        luxel::forecast(&scene, &fine).expect_err("far too many pieces").to_string(),
+    ] {
+        assert!(error.contains("pieces of surface") && error.contains("choose --grid"), "{error}");
+    }
+}
+
+#[test]
+fn voxels_that_do_not_fit_are_refused_instead_of_clamped() {
+    let scene = room().build().scene;
+    let of = |resolution| BakeOptions { resolution, ..options(8, 16) };
+    for resolution in [
+        Resolution::Grid(0),
+        Resolution::Grid(4097),
+        Resolution::Voxel(1e9),
+        Resolution::Voxel(1e-9),
+        Resolution::Voxel(-1.0),
+        Resolution::Voxel(f64::NAN),
+    ] {
+        let error = luxel::bake(&scene, &of(resolution), &Silent).err().expect("voxels that do not fit").to_string();
+        assert!(error.contains("choose --voxel from"), "{resolution:?}: {error}");
+    }
+}
