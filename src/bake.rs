@@ -75,6 +75,13 @@ pub struct Bake {
     face_tracer: Option<Box<dyn RayTracer>>,
 }
 
+impl SurfacePoint {
+    /// Whether the position is finite and the normal a unit vector.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.position.is_finite() && (self.normal.length_squared() - 1.0).abs() < 0.01
+    }
+}
+
 impl Bake {
     /// The patches.
     pub fn patches(&self) -> &Patches {
@@ -105,7 +112,8 @@ impl Bake {
         self.lights.sky_radiance(direction)
     }
 
-    /// Irradiance at surface points of the scene.
+    /// Irradiance at surface points of the scene. The light of a point depends on nothing but the point itself; it is
+    /// zero where the point is not finite or its normal is not a unit vector.
     pub fn irradiance(&self, points: &[SurfacePoint], progress: &dyn Progress) -> Irradiance {
         self.irradiance_with(points, self.options.point_samples, progress)
     }
@@ -115,13 +123,12 @@ impl Bake {
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
         for block in points.chunks(BLOCK) {
-            let sampled = light::irradiance(&self.lights, &*self.tracer, block, 1, samples, self.options.seed);
-            all.direct.extend(sampled.irradiance);
-            if self.options.primary == Primary::Radiosity {
-                let start = all.direct.len() - block.len();
-                let emitted = self.interpolate(block, &self.light.direct);
-                all.direct[start..].iter_mut().zip(emitted).for_each(|(d, e)| *d = e);
-            }
+            all.direct.extend(match self.options.primary {
+                Primary::Direct => {
+                    light::irradiance(&self.lights, &*self.tracer, block, 1, samples, self.options.seed).irradiance
+                }
+                Primary::Radiosity => self.interpolate(block, &self.light.direct),
+            });
             all.indirect.extend(self.interpolate(block, &self.light.indirect));
             progress.advance(block.len() as u64);
         }
@@ -143,8 +150,10 @@ impl Bake {
     }
 }
 
-/// Points or patches that are lit at once, to bound the memory of shadow rays.
+/// Points that are lit at once.
 const BLOCK: usize = 1 << 14;
+/// Points on patches that are made at once, to bound their memory.
+const PATCH_POINTS: usize = 1 << 19;
 
 /// Bakes a scene.
 ///
@@ -198,9 +207,11 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let rows_seconds = clock.stop("form factors");
     let form_factors = estimate.form_factors;
 
-    // Hidden parts of a patch were counted as dark.
+    // Hidden parts of a patch were counted as dark. What slips through cracks onto a patch that is hidden altogether
+    // is no light.
     for (i, e) in direct.iter_mut().enumerate() {
-        *e /= (1.0 - form_factors.hidden(i) as f32).max(0.05);
+        let seen = 1.0 - form_factors.hidden(i) as f32;
+        *e = if seen > 0.0 { (*e / seen.max(0.05)).min(Vec3::MAX) } else { Vec3::ZERO };
     }
     if options.primary == Primary::Radiosity {
         let emitted: Vec<[f64; 3]> = patches.emitted.iter().map(|&m| rgb(m)).collect();
@@ -282,7 +293,7 @@ fn patch_direct(
     let samples = options.patch_samples;
     let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
     progress.begin("direct light", all.len() as u64);
-    for block in all.chunks(BLOCK) {
+    for block in all.chunks((PATCH_POINTS / samples as usize).max(1)) {
         let points = transfer::patch_points(simplified, block, samples, options.seed);
         let result = light::irradiance(lights, tracer, &points, samples as usize, samples, options.seed);
         direct.extend(result.irradiance);
@@ -339,7 +350,8 @@ fn rgb(v: Vec3) -> [f64; 3] {
 }
 
 fn vec3(v: [f64; 3]) -> Vec3 {
-    Vec3::from_array(v.map(|x| x as f32))
+    // Finite, however strong the lights are.
+    Vec3::from_array(v.map(|x| x as f32)).min(Vec3::MAX)
 }
 
 /// Times the stages.

@@ -3,10 +3,11 @@
 mod common;
 
 use common::{World, options};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use luxel::{
     BakeOptions,
-    options::Resolution,
+    bake::SurfacePoint,
+    options::{Reconstruct, Resolution},
     progress::Silent,
     simplify::{self, Grid},
 };
@@ -69,5 +70,46 @@ fn voxels_that_do_not_fit_are_refused_instead_of_clamped() {
     ] {
         let error = luxel::bake(&scene, &of(resolution), &Silent).err().expect("voxels that do not fit").to_string();
         assert!(error.contains("choose --voxel from"), "{resolution:?}: {error}");
+    }
+}
+
+#[test]
+fn points_that_are_none_are_dark_and_change_no_others() {
+    let scene = room().build().scene;
+    for reconstruct in [Reconstruct::Smooth, Reconstruct::Nearest4] {
+        let bake = luxel::bake(&scene, &BakeOptions { reconstruct, ..options(8, 64) }, &Silent).unwrap();
+        let good = bake.mesh.samples[10];
+        let bad = [
+            SurfacePoint { position: Vec3::NAN, ..good },
+            SurfacePoint { position: Vec3::INFINITY, ..good },
+            SurfacePoint { normal: Vec3::NAN, ..good },
+            SurfacePoint { normal: Vec3::ZERO, ..good },
+            SurfacePoint { normal: 3.0 * good.normal, ..good },
+        ];
+        let far = SurfacePoint { position: Vec3::splat(1e30), ..good };
+        let all: Vec<SurfacePoint> = bad.into_iter().chain([good, far, bake.mesh.samples[40]]).collect();
+        let light = bake.irradiance(&all, &Silent);
+        for i in 0..bad.len() {
+            assert_eq!((light.direct[i], light.indirect[i]), (Vec3::ZERO, Vec3::ZERO), "{:?}", bad[i]);
+        }
+        assert!(light.direct.iter().chain(&light.indirect).all(|e| e.is_finite()));
+        let reversed = bake.irradiance(&all.iter().rev().copied().collect::<Vec<_>>(), &Silent);
+        assert!(light.indirect.iter().eq(reversed.indirect.iter().rev()));
+        assert!(light.direct.iter().eq(reversed.direct.iter().rev()));
+        assert_eq!(light.indirect[bad.len()], bake.vertices.indirect[10]);
+    }
+}
+
+#[test]
+fn blinding_light_stays_finite() {
+    let mut world = World::new();
+    let white = world.grey(0.99, 0.0);
+    world.room(DVec3::ZERO, DVec3::ONE, white);
+    world.block(DVec3::new(0.31, 0.2, 0.0), DVec3::new(0.6, 0.53, 0.35), white);
+    world.point_light(DVec3::new(0.8, 0.8, 0.5), 3e38);
+    let bake = world.build().bake(&options(8, 64));
+    let all = [&bake.vertices.direct, &bake.vertices.indirect, &bake.light.direct, &bake.light.indirect];
+    for (k, values) in all.into_iter().enumerate() {
+        assert!(values.iter().all(|e| e.is_finite()), "{k}: {:?}", values.iter().find(|e| !e.is_finite()));
     }
 }

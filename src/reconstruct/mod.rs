@@ -41,7 +41,7 @@ impl Field<'_> {
 }
 
 /// Interpolates the field at `points`. Values are never negative. The result of a point depends on nothing but its
-/// position and normal.
+/// position and normal; it is zero if these are not finite or the normal is not a unit vector.
 pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) -> Vec<Vec3> {
     points
         .par_chunks(64)
