@@ -113,13 +113,15 @@ impl Bake {
     }
 
     /// Irradiance at surface points of the scene. The light of a point depends on nothing but the point itself; it is
-    /// zero where the point is not finite or its normal is not a unit vector.
+    /// zero where the point is not finite or its normal is not a unit vector. Points in the edges of the mesh are lit
+    /// from slightly inside of the room.
     pub fn irradiance(&self, points: &[SurfacePoint], progress: &dyn Progress) -> Irradiance {
         self.irradiance_with(points, self.options.point_samples, progress)
     }
 
     /// As [`Bake::irradiance`], with another number of shadow rays a point.
     pub fn irradiance_with(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
+        let points = reconstruct::clear_of_walls(&*self.tracer, &self.normals, points);
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
         for block in points.chunks(BLOCK) {

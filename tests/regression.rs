@@ -3,12 +3,13 @@
 mod common;
 
 use common::{World, options};
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use luxel::{
     BakeOptions,
     bake::SurfacePoint,
     options::{Reconstruct, Resolution},
     progress::Silent,
+    scene::WorldLight,
     simplify::{self, Grid},
 };
 
@@ -111,5 +112,36 @@ fn blinding_light_stays_finite() {
     let all = [&bake.vertices.direct, &bake.vertices.indirect, &bake.light.direct, &bake.light.indirect];
     for (k, values) in all.into_iter().enumerate() {
         assert!(values.iter().all(|e| e.is_finite()), "{k}: {:?}", values.iter().find(|e| !e.is_finite()));
+    }
+}
+
+#[test]
+fn no_sky_leaks_into_a_closed_room_at_its_edges_and_corners() {
+    for turn in [DAffine3::IDENTITY, common::rotation()] {
+        let mut world = World::new();
+        let grey = world.grey(0.5, 0.0);
+        world.room(DVec3::ZERO, DVec3::new(1.3, 1.0, 0.8), grey);
+        world.block(DVec3::new(0.5, 0.2, 0.0), DVec3::new(0.7, 0.5, 0.3), grey);
+        world.builder.add_light(WorldLight::Sky { radiance: Vec3::splat(100.0) });
+        world.point_light(DVec3::new(0.6, 0.7, 0.5), 10.0);
+        world.transform(turn);
+        let stage = world.build();
+        let bake = stage.bake(&options(12, 64));
+        let near = 1e-3;
+        // In the edges and corners of floor, walls and block; and the same a little before.
+        let pairs = [
+            ([0.0, 0.5, 0.0], [near, 0.5, 0.0]),
+            ([0.3, 1.0, 0.0], [0.3, 1.0 - near, 0.0]),
+            ([0.0, 0.0, 0.0], [near, near, 0.0]),
+            ([1.3, 1.0, 0.0], [1.3 - near, 1.0 - near, 0.0]),
+            ([0.6, 0.5, 0.0], [0.6, 0.5 + near, 0.0]),
+        ];
+        for (edge, inside) in pairs {
+            let points = [edge, inside].map(|p| stage.point(p, [0.0, 0.0, 1.0]));
+            let light = bake.irradiance(&points, &Silent);
+            let (got, expected) = (light.direct[0].x, light.direct[1].x);
+            // Light of the point lamp alone changes by less over the distance; the sky would give 100 times it.
+            assert!((got / expected - 1.0).abs() < 0.01, "{edge:?}: {got} for {expected}");
+        }
     }
 }

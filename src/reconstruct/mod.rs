@@ -1,9 +1,11 @@
 //! From patches back to vertices and points (step 5 of the paper, and a better one).
 
+mod edges;
 mod index;
 mod nearest4;
 mod smooth;
 
+pub use edges::clear_of_walls;
 pub use index::PatchIndex;
 
 use glam::Vec3;
