@@ -90,8 +90,8 @@ fn points_that_are_none_are_dark_and_change_no_others() {
         let far = SurfacePoint { position: Vec3::splat(1e30), ..good };
         let all: Vec<SurfacePoint> = bad.into_iter().chain([good, far, bake.mesh.samples[40]]).collect();
         let light = bake.irradiance(&all, &Silent);
-        for i in 0..bad.len() {
-            assert_eq!((light.direct[i], light.indirect[i]), (Vec3::ZERO, Vec3::ZERO), "{:?}", bad[i]);
+        for (i, point) in bad.iter().enumerate() {
+            assert_eq!((light.direct[i], light.indirect[i]), (Vec3::ZERO, Vec3::ZERO), "{point:?}");
         }
         assert!(light.direct.iter().chain(&light.indirect).all(|e| e.is_finite()));
         let reversed = bake.irradiance(&all.iter().rev().copied().collect::<Vec<_>>(), &Silent);

@@ -33,19 +33,12 @@ pub fn clear_of_walls(tracer: &dyn RayTracer, normals: &[Vec3], points: &[Surfac
                 open.iter().for_each(|&i| look_back(&points[i], &mut rays));
                 let mut hits = vec![Hit::NONE; rays.len()];
                 tracer.closest_hits(&rays, &mut hits);
-                let mut k = 0;
-                open.retain(|&i| {
-                    let from = points[i].position;
-                    for ray in k..k + DIRECTIONS {
-                        let hit = hits[ray];
-                        if hit.is_hit() && !hit.is_back() {
-                            let wall = rays.origin(ray) + hit.t * rays.direction(ray);
-                            step_off(&mut points[i], wall, normals[hit.triangle()]);
-                        }
-                    }
-                    k += DIRECTIONS;
-                    points[i].position != from
-                });
+                let before = points.clone();
+                for (k, hit) in hits.iter().enumerate().filter(|(_, h)| h.is_hit() && !h.is_back()) {
+                    let on_wall = rays.origin(k) + hit.t * rays.direction(k);
+                    step_off(&mut points[open[k / DIRECTIONS]], on_wall, normals[hit.triangle()]);
+                }
+                open.retain(|&i| points[i].position != before[i].position);
                 if open.is_empty() {
                     break;
                 }
