@@ -286,7 +286,9 @@ static inline Lane load_lane(const LuxelEmbree *tracer, const LuxelRays *rays, s
 
     /* Zero times anything finite is zero, times infinity or NaN is NaN. */
     float finite = (ox + oy + oz) * 0.0f + (dx + dy + dz) * 0.0f + near * 0.0f;
-    bool valid = (finite == 0.0f) & (exponent != 0) & (exponent < 0x7f000000u) & (far > near) &
+    /* Embree's own limit is 1.8e18: beyond, builds with assertions end the program. */
+    float farthest = max_of(fabsf(lane.org_x), max_of(fabsf(lane.org_y), fabsf(lane.org_z)));
+    bool valid = (finite == 0.0f) & (farthest <= 1e18f) & (exponent != 0) & (exponent < 0x7f000000u) & (far > near) &
                  (lane.tfar >= lane.tnear);
     lane.valid = valid ? -1 : 0;
     return lane;

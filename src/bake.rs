@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{
-    BakeOptions, Error, Result, Scene,
+    BakeOptions, Error, Result, Scene, forecast,
     light::{self, Bright, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
@@ -69,6 +69,8 @@ pub struct Bake {
     lights: LightSet,
     /// Bright patches, whose first reflection lights vertices and points as lamps do.
     bright: Option<LightSet>,
+    /// Irradiance of the patches straight from emitting patches; `None` where emitters are sampled as lights.
+    glow: Option<Vec<Vec3>>,
     /// Indirect irradiance of the patches without what the bright ones send.
     smooth: Vec<Vec3>,
     index: PatchIndex,
@@ -77,6 +79,13 @@ pub struct Bake {
     tracer: Box<dyn RayTracer>,
     /// Tracer of the voxel faces, where they are the patches.
     face_tracer: Option<Box<dyn RayTracer>>,
+}
+
+impl SurfacePoint {
+    /// Whether the position is finite and the normal a unit vector.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.position.is_finite() && (self.normal.length_squared() - 1.0).abs() < 0.01
+    }
 }
 
 impl Bake {
@@ -109,29 +118,29 @@ impl Bake {
         self.lights.sky_radiance(direction)
     }
 
-    /// Irradiance at surface points of the scene.
+    /// Irradiance at surface points of the scene. The light of a point depends on nothing but the point itself; it is
+    /// zero where the point is not finite or its normal is not a unit vector. Points in the edges of the mesh are lit
+    /// from slightly inside of the room.
     pub fn irradiance(&self, points: &[SurfacePoint], progress: &dyn Progress) -> Irradiance {
         self.irradiance_with(points, self.options.point_samples, progress)
     }
 
     /// As [`Bake::irradiance`], with another number of shadow rays a point.
     pub fn irradiance_with(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
+        let points = reconstruct::clear_of_walls(&*self.tracer, &self.normals, points);
+        self.light(&points, samples, progress)
+    }
+
+    /// Light at points that stand clear of walls.
+    fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
         for block in points.chunks(BLOCK) {
-            let sampled = light::irradiance(&self.lights, &*self.tracer, block, 1, samples, self.options.seed);
-            all.direct.extend(sampled.irradiance);
-            if self.options.primary == Primary::Radiosity {
-                let start = all.direct.len() - block.len();
-                let emitted = self.interpolate(block, &self.light.direct);
-                all.direct[start..].iter_mut().zip(emitted).for_each(|(d, e)| *d = e);
-            }
-            let mut indirect = self.interpolate(block, &self.smooth);
-            if let Some(bright) = &self.bright {
-                let sent = light::irradiance(bright, &*self.tracer, block, 1, samples, self.options.seed);
-                indirect.iter_mut().zip(sent.irradiance).for_each(|(i, e)| *i += e);
-            }
-            all.indirect.extend(indirect);
+            let lit = |lights: &LightSet| {
+                light::irradiance(lights, &*self.tracer, block, 1, samples, self.options.seed).irradiance
+            };
+            all.direct.extend(add(lit(&self.lights), self.glow.as_ref().map(|glow| self.interpolate(block, glow))));
+            all.indirect.extend(add(self.interpolate(block, &self.smooth), self.bright.as_ref().map(lit)));
             progress.advance(block.len() as u64);
         }
         progress.end();
@@ -152,23 +161,32 @@ impl Bake {
     }
 }
 
-/// Points or patches that are lit at once, to bound the memory of shadow rays.
+/// Sums, where there is something to add.
+fn add(mut a: Vec<Vec3>, b: Option<Vec<Vec3>>) -> Vec<Vec3> {
+    a.iter_mut().zip(b.into_iter().flatten()).for_each(|(a, b)| *a += b);
+    a
+}
+
+/// Points that are lit at once.
 const BLOCK: usize = 1 << 14;
+/// Points on patches that are made at once, to bound their memory.
+const PATCH_POINTS: usize = 1 << 19;
 
 /// Bakes a scene.
 ///
 /// # Errors
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
-/// for options without sense.
+/// for options without sense or voxels too small for the memory.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
     check(scene, options)?;
     let mut clock = Clock::new();
 
+    let grid = Grid::new(scene, options.resolution)?;
+    simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
     let tracer = trace::build(options.backend, &scene.geometry())?;
     let lights = LightSet::new(scene);
     clock.stop("build");
 
-    let grid = Grid::new(scene, options.resolution)?;
     let (simplified, face_tracer) = match options.patches {
         PatchSource::Surfels => (simplify::surfels(scene, grid, &*tracer), None),
         PatchSource::Faces => {
@@ -206,16 +224,19 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let rows_seconds = clock.stop("form factors");
     let form_factors = estimate.form_factors;
 
-    // Hidden parts of a patch were counted as dark.
+    // Hidden parts of a patch were counted as dark. What slips through cracks onto a patch that is hidden altogether
+    // is no light.
     for (i, e) in direct.iter_mut().enumerate() {
-        *e /= (1.0 - form_factors.hidden(i) as f32).max(0.05);
+        let seen = 1.0 - form_factors.hidden(i) as f32;
+        *e = if seen > 0.0 { (*e / seen.max(0.05)).min(Vec3::MAX) } else { Vec3::ZERO };
     }
-    if options.primary == Primary::Radiosity {
+    let glow = (options.primary == Primary::Radiosity).then(|| {
         let emitted: Vec<[f64; 3]> = patches.emitted.iter().map(|&m| rgb(m)).collect();
         let mut received = vec![[0.0; 3]; patches.len()];
         form_factors.multiply(&emitted, &mut received);
-        direct.iter_mut().zip(received).for_each(|(d, r)| *d += vec3(r));
-    }
+        received.into_iter().map(vec3).collect::<Vec<Vec3>>()
+    });
+    direct = add(direct, glow.clone());
     let albedo: Vec<[f64; 3]> = patches.albedo.iter().map(|&a| rgb(a)).collect();
     let source: Vec<[f64; 3]> =
         direct.iter().zip(&albedo).map(|(e, a)| std::array::from_fn(|c| e[c] as f64 * a[c])).collect();
@@ -263,13 +284,14 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         options: options.clone(),
         lights,
         bright: bright.map(|b| b.lights),
+        glow,
         smooth,
         index,
         normals,
         tracer,
         face_tracer,
     };
-    bake.vertices = bake.irradiance(&bake.mesh.samples, progress);
+    bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices");
 
     bake.report = report(scene, &bake, &solution, estimate.rays, visibility, rows_seconds, clock);
@@ -311,7 +333,7 @@ fn patch_direct(
     let samples = options.patch_samples;
     let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
     progress.begin("direct light", all.len() as u64);
-    for block in all.chunks(BLOCK) {
+    for block in all.chunks((PATCH_POINTS / samples as usize).max(1)) {
         let points = transfer::patch_points(simplified, block, samples, options.seed);
         let result = light::irradiance(lights, tracer, &points, samples as usize, samples, options.seed);
         direct.extend(result.irradiance);
@@ -368,7 +390,8 @@ fn rgb(v: Vec3) -> [f64; 3] {
 }
 
 fn vec3(v: [f64; 3]) -> Vec3 {
-    Vec3::from_array(v.map(|x| x as f32))
+    // Finite, however strong the lights are.
+    Vec3::from_array(v.map(|x| x as f32)).min(Vec3::MAX)
 }
 
 /// Times the stages.

@@ -63,7 +63,9 @@ impl std::fmt::Display for Forecast {
 /// Bytes a triangle: scene, ray-tracing structure, copies for it.
 const TRIANGLE_BYTES: f64 = 420.0;
 /// Bytes a fragment: its corners, and its vertices with their light.
-const FRAGMENT_BYTES: f64 = 700.0;
+pub(crate) const FRAGMENT_BYTES: f64 = 700.0;
+/// Bytes a fragment while only fragments are counted.
+const COUNTED_BYTES: f64 = 160.0;
 /// Bytes a patch without its row.
 const PATCH_BYTES: f64 = 420.0;
 /// Bytes a ray of a row: 0.7 entries of 2.1 bytes, twice while rows are put in order.
@@ -74,9 +76,11 @@ const BASE_BYTES: f64 = 30e6;
 /// Foretells the bake of `scene` with `options`.
 ///
 /// # Errors
-/// As of the bake: voxels that do not fit the scene.
+/// [`crate::Error::Option`] for voxels that do not fit the scene, or are so small that the memory is not even enough
+/// to count its pieces.
 pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
     let grid = Grid::new(scene, options.resolution)?;
+    simplify::check_size(scene, &grid, COUNTED_BYTES)?;
     let (fragments, mut patches, by_mesh) = simplify::count(scene, &grid);
     if options.patches == PatchSource::Faces {
         patches = simplify::faces(scene, grid, options.face_colour).patches.len();

@@ -96,7 +96,7 @@ impl Work<'_> {
     /// Writes the shadow rays of one receiver.
     fn emit(&mut self, points: &[SurfacePoint]) {
         self.scratch.receivers += 1;
-        if !points.iter().all(is_sound) {
+        if !points.iter().all(SurfacePoint::is_sound) {
             return;
         }
         let identity = self.numbers.identity(&points[0]);
@@ -298,8 +298,4 @@ impl Scratch {
         self.groups.clear();
         self.receivers = 0;
     }
-}
-
-fn is_sound(x: &SurfacePoint) -> bool {
-    x.position.is_finite() && (x.normal.length_squared() - 1.0).abs() < 0.01
 }

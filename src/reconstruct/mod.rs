@@ -1,9 +1,11 @@
 //! From patches back to vertices and points (step 5 of the paper, and a better one).
 
+mod edges;
 mod index;
 mod nearest4;
 mod smooth;
 
+pub use edges::clear_of_walls;
 pub use index::PatchIndex;
 
 use glam::Vec3;
@@ -41,7 +43,7 @@ impl Field<'_> {
 }
 
 /// Interpolates the field at `points`. Values are never negative. The result of a point depends on nothing but its
-/// position and normal.
+/// position and normal; it is zero if these are not finite or the normal is not a unit vector.
 pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) -> Vec<Vec3> {
     points
         .par_chunks(64)

@@ -9,6 +9,9 @@ use crate::bake::SurfacePoint;
 ///
 /// Weights sum to 1: w_k = (1/d_k) / sum(1/d). The paper's printed formula has a wrong normaliser.
 pub fn interpolate(field: &Field, point: &SurfacePoint) -> Vec3 {
+    if !point.is_sound() {
+        return Vec3::ZERO;
+    }
     let mut radius = 1.0;
     loop {
         let best = nearest(field, point, radius);
@@ -40,12 +43,13 @@ fn nearest(field: &Field, point: &SurfacePoint, radius: f32) -> [(f32, usize); 4
 }
 
 fn blend(field: &Field, best: &[(f32, usize); 4]) -> Vec3 {
-    let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-    for &(d2, j) in best.iter().filter(|b| b.1 != usize::MAX) {
-        // A point in the very centre of a patch takes its value.
-        let w = 1.0 / d2.sqrt().max(1e-12);
-        sum += w * field.values[j];
-        weights += w;
+    // A point in the very centre of a patch takes its value.
+    let weight = |d2: f32| 1.0 / d2.sqrt().max(1e-12);
+    let found = || best.iter().filter(|b| b.1 != usize::MAX);
+    let weights: f32 = found().map(|b| weight(b.0)).sum();
+    if weights == 0.0 {
+        return Vec3::ZERO;
     }
-    if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+    // Shares first: the strongest light stays finite.
+    found().map(|b| weight(b.0) / weights * field.values[b.1]).sum::<Vec3>().min(Vec3::MAX)
 }

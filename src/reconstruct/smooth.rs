@@ -53,6 +53,9 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
 
 /// Known patches that face the same way, lie near and on the same smooth surface.
 fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>) {
+    if !point.is_sound() {
+        return;
+    }
     let patches = field.patches();
     let begin = out.len();
     field.index.near(point.position, RADIUS, |j| {

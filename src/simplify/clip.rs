@@ -129,8 +129,8 @@ pub fn clip(scene: &Scene, grid: &Grid) -> Fragments {
         })
         .collect();
     let mut all = Fragments { start: vec![0], ..Fragments::default() };
-    for chunk in &chunks {
-        all.append(chunk);
+    for chunk in chunks {
+        all.append(&chunk);
     }
     all
 }

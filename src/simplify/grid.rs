@@ -31,16 +31,17 @@ impl Grid {
         let (min, max) = bounds(scene);
         let side = (max - min).max_element();
         let voxel_size = match resolution {
-            Resolution::Grid(n) => side / n.clamp(1, MAX_DIM) as f64,
+            Resolution::Grid(n) => side / n as f64,
             Resolution::Voxel(h) => h / scene.frame.scale,
         };
-        if !(voxel_size.is_finite() && voxel_size > 0.0 && side / voxel_size <= MAX_DIM as f64) {
+        // Not so if the voxel size is zero, negative, infinite or no number.
+        if !(1.0..=MAX_DIM as f64).contains(&(side / voxel_size)) {
+            let size = side * scene.frame.scale;
             return Err(Error::Option(format!(
-                "voxel size {} does not fit a scene of size {}: at most {MAX_DIM} voxels a side are possible; \
-                 choose --voxel of at least {}",
+                "voxel size {} does not fit a scene of size {size}: choose --voxel from {} to {size}, or --grid from 1 \
+                 to {MAX_DIM}",
                 voxel_size * scene.frame.scale,
-                side * scene.frame.scale,
-                side * scene.frame.scale / MAX_DIM as f64,
+                size / MAX_DIM as f64,
             )));
         }
         let origin = min - voxel_size * DVec3::new(0.3719, 0.4127, 0.3391);

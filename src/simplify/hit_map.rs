@@ -105,7 +105,7 @@ impl HitMap {
             let [a, b, c] = [own[2], own[3], own[4]].map(f32::from_bits);
             return own[(a * p.x + b * p.y + c < 0.0) as usize] as usize;
         }
-        let mut best = (f32::NEG_INFINITY, 0);
+        let mut best = (f32::NEG_INFINITY, own[0] as usize);
         for &f in &own[..count] {
             let depth = depth_inside(fragments.uv(f as usize), p);
             if depth > best.0 {

@@ -7,6 +7,7 @@ pub mod grid;
 pub mod hit_map;
 mod mesh;
 mod patches;
+mod size;
 mod straddle;
 mod surfels;
 
@@ -16,6 +17,7 @@ pub use grid::Grid;
 pub use hit_map::HitMap;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
+pub use size::{check_size, expected_fragments};
 pub use surfels::{count, surfels};
 
 use glam::Vec3;

@@ -25,7 +25,9 @@ pub struct Solution {
 
 /// Steps after which a restart is tried, and restarts after which what was reached is reported.
 const MOST_STEPS: usize = 200;
-const MOST_RESTARTS: usize = 10;
+const MOST_RESTARTS: usize = 20;
+/// Plain bounces where the method breaks down.
+const BOUNCES: usize = 50;
 
 /// Solves B = S + rho F B until the residual is below `tolerance` times the largest source in each channel.
 ///
@@ -35,32 +37,30 @@ pub fn solve(f: &FormFactors, albedo: &[Rgb], source: &[Rgb], tolerance: f64) ->
     let system = System { f, albedo };
     let scale = largest(source);
     let mut x = source.to_vec();
-    let mut irradiance = vec![[0.0; 3]; x.len()];
+    let mut residual = [f64::INFINITY; 3];
     let mut iterations = 0;
-    let mut residual = f64::INFINITY;
     for _ in 0..MOST_RESTARTS {
+        let mut found = x.clone();
         // Half the tolerance: the recursive residual drifts from the true one.
-        iterations += system.iterate(source, &mut x, scale, 0.5 * tolerance);
-        f.multiply(&x, &mut irradiance);
-        // One more bounce from the solution: keeps it positive and consistent with its irradiance.
-        let next: Vec<Rgb> = (0..x.len())
-            .into_par_iter()
-            .map(|i| std::array::from_fn(|c| source[i][c] + albedo[i][c] * irradiance[i][c].max(0.0)))
-            .collect();
-        let error: Vec<Rgb> = x.iter().zip(&next).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect();
-        let before = residual;
-        residual = (0..3).map(|c| ratio(largest(&error)[c], scale[c])).fold(0.0, f64::max);
-        x = next;
-        if residual <= tolerance || residual > 0.5 * before {
+        iterations += system.iterate(source, &mut found, scale, 0.5 * tolerance);
+        let (next, error) = system.bounce(source, &found, scale);
+        let good: [bool; 3] = std::array::from_fn(|c| error[c] <= tolerance || error[c] < residual[c]);
+        update(&mut x, |i, x| std::array::from_fn(|c| if good[c] { next[i][c] } else { x[c] }));
+        residual = std::array::from_fn(|c| if good[c] { error[c] } else { residual[c] });
+        if good.contains(&false) {
+            // The method broke down. Bounces always come nearer, and begin the next attempt elsewhere.
+            for _ in 0..BOUNCES {
+                (x, residual) = system.bounce(source, &x, scale);
+            }
+            iterations += BOUNCES;
+        }
+        if residual.iter().all(|&r| r <= tolerance) {
             break;
         }
     }
+    let mut irradiance = vec![[0.0; 3]; x.len()];
     f.multiply(&x, &mut irradiance);
-    Solution { radiosity: x, irradiance, iterations, residual }
-}
-
-fn ratio(a: f64, b: f64) -> f64 {
-    if b > 0.0 { a / b } else { 0.0 }
+    Solution { radiosity: x, irradiance, iterations, residual: residual.into_iter().fold(0.0, f64::max) }
 }
 
 struct System<'a> {
@@ -69,6 +69,16 @@ struct System<'a> {
 }
 
 impl System<'_> {
+    /// S + rho F x, which is not negative, and max |S + rho F x - x| / max |S| of every channel.
+    fn bounce(&self, source: &[Rgb], x: &[Rgb], scale: Rgb) -> (Vec<Rgb>, Rgb) {
+        let mut next = vec![[0.0; 3]; x.len()];
+        self.f.multiply(x, &mut next);
+        update(&mut next, |i, e| std::array::from_fn(|c| source[i][c] + self.albedo[i][c] * e[c].max(0.0)));
+        let error: Vec<Rgb> = x.iter().zip(&next).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect();
+        let error = largest(&error);
+        (next, std::array::from_fn(|c| if scale[c] > 0.0 { error[c] / scale[c] } else { 0.0 }))
+    }
+
     /// out = x - rho F x
     fn apply(&self, x: &[Rgb], out: &mut [Rgb]) {
         self.f.multiply(x, out);
@@ -138,6 +148,107 @@ fn dot(a: &[Rgb], b: &[Rgb]) -> Rgb {
     blocks.iter().fold([0.0; 3], |sum, b| std::array::from_fn(|c| sum[c] + b[c]))
 }
 
+/// Largest absolute value of each channel; infinite where there is one that is no number.
 fn largest(x: &[Rgb]) -> Rgb {
-    x.iter().fold([0.0; 3], |most, x| std::array::from_fn(|c| f64::max(most[c], x[c].abs())))
+    let size = |x: f64| if x.is_nan() { f64::INFINITY } else { x.abs() };
+    x.iter().fold([0.0; 3], |most, x| std::array::from_fn(|c| f64::max(most[c], size(x[c]))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::hash;
+
+    /// Gaussian elimination with partial pivoting.
+    fn dense(f: &FormFactors, albedo: &[Rgb], source: &[Rgb], c: usize) -> Vec<f64> {
+        let n = albedo.len();
+        let mut rows: Vec<Vec<f64>> = (0..n)
+            .map(|i| {
+                let mut row = vec![0.0; n + 1];
+                f.row(i).for_each(|(j, factor)| row[j] = -albedo[i][c] * factor);
+                row[i] += 1.0;
+                row[n] = source[i][c];
+                row
+            })
+            .collect();
+        for k in 0..n {
+            let pivot = (k..n).max_by(|&i, &j| rows[i][k].abs().total_cmp(&rows[j][k].abs())).expect("a row");
+            rows.swap(k, pivot);
+            let own = rows[k].clone();
+            for row in &mut rows[k + 1..] {
+                let share = row[k] / own[k];
+                (k..=n).for_each(|j| row[j] -= share * own[j]);
+            }
+        }
+        let mut x = vec![0.0; n];
+        for k in (0..n).rev() {
+            let rest: f64 = (k + 1..n).map(|j| rows[k][j] * x[j]).sum();
+            x[k] = (rows[k][n] - rest) / rows[k][k];
+        }
+        x
+    }
+
+    /// Solves, and compares with elimination: an error is at most the residual / (1 - the largest albedo), as no row
+    /// sums to more than 1. The residual told is that before a last bounce, which makes it no larger.
+    fn check(f: &FormFactors, albedo: &[Rgb], source: &[Rgb], what: &str) {
+        let tolerance = 1e-9;
+        let solution = solve(f, albedo, source, tolerance);
+        assert!(solution.residual <= tolerance, "{what}: {solution:?}");
+        let most = albedo.iter().flatten().copied().fold(0.0, f64::max);
+        for c in 0..3 {
+            let bound = (tolerance * largest(source)[c] + 1e-14) / (1.0 - most);
+            for (i, expected) in dense(f, albedo, source, c).into_iter().enumerate() {
+                let got = solution.radiosity[i][c];
+                assert!((got - expected).abs() <= bound, "{what}: patch {i}, {got} for {expected}");
+                assert!(got >= source[i][c]);
+            }
+        }
+    }
+
+    #[test]
+    fn small_systems_agree_with_gaussian_elimination() {
+        for seed in 0..300 {
+            let mut k = 0;
+            let mut random = || {
+                k += 1;
+                (hash(&[seed, k]) >> 40) as f64 / (1u64 << 24) as f64
+            };
+            let n = 1 + (random() * 30.0) as usize;
+            let density = random();
+            let closed = random() < 0.3;
+            let white = if random() < 0.5 { 0.9999 } else { 0.8 };
+            let rows: Vec<(Vec<u32>, u32)> = (0..n)
+                .map(|_| {
+                    let mut hit = || if random() < density { (random() * 400.0) as u32 } else { 0 };
+                    let hits: Vec<u32> = (0..n).map(|_| hit()).collect();
+                    (hits, if closed { 0 } else { hit() })
+                })
+                .collect();
+            let mut colour = |most: f64| if random() < 0.2 { 0.0 } else { most * random().powf(0.1) };
+            let albedo: Vec<Rgb> = (0..n).map(|_| [0; 3].map(|_| colour(white))).collect();
+            // The third channel has no light.
+            let source: Vec<Rgb> = (0..n).map(|_| [colour(1.0), colour(1e-9), 0.0]).collect();
+            check(&FormFactors::of_hits(&rows), &albedo, &source, &format!("system {seed}"));
+        }
+    }
+
+    #[test]
+    fn rings_that_break_the_method_down_are_solved() {
+        // Each patch sees the next one only: the residual is orthogonal to where it began until it has gone round.
+        for (n, albedo) in [(2, 0.9999), (3, 0.999), (50, 0.99), (1000, 0.9)] {
+            let rows: Vec<(Vec<u32>, u32)> =
+                (0..n).map(|i| ((0..n).map(|j| (j == (i + 1) % n) as u32).collect(), 0)).collect();
+            let mut source = vec![[0.0; 3]; n];
+            source[0] = [1.0, 1e-30, 0.0];
+            check(&FormFactors::of_hits(&rows), &vec![[albedo; 3]; n], &source, &format!("ring of {n}"));
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_never_small() {
+        assert_eq!(
+            largest(&[[1.0, f64::NAN, -3.0], [f64::NEG_INFINITY, 2.0, 2.0]]),
+            [f64::INFINITY, f64::INFINITY, 3.0]
+        );
+    }
 }

@@ -184,7 +184,8 @@ impl Hit {
 ///
 /// Every backend honours `t_min` and `t_max`, never reports NaN, and gives the same answer for a ray whatever else
 /// is in its batch; but where two triangles are met at the same distance, a `coherent` batch may tell either.
-/// A ray that is not finite or has no direction meets nothing. All arrays of a batch and its results must have one
+/// A ray that is not finite or has no direction meets nothing; one that starts 1e18 times the size of the scene away
+/// may meet nothing. All arrays of a batch and its results must have one
 /// length; a backend may panic where they have not.
 pub trait RayTracer: Send + Sync {
     /// Name and version, e.g. `embree 3.13.5`.

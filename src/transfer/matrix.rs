@@ -180,6 +180,19 @@ impl FormFactors {
         f
     }
 
+    /// The matrix of these hits and escaping rays, row by row.
+    #[cfg(test)]
+    pub(crate) fn of_hits(rows: &[(Vec<u32>, u32)]) -> FormFactors {
+        let mut block = Block::default();
+        for (i, (hits, escaped)) in rows.iter().enumerate() {
+            let mut row = block.row();
+            hits.iter().enumerate().filter(|h| *h.1 > 0).for_each(|(j, &count)| row.add(j as u32, count));
+            let valid = hits.iter().sum::<u32>() + escaped;
+            row.finish(Row { patch: i as u32, valid, escaped: *escaped, hidden: 0, end: 0 });
+        }
+        FormFactors::of_blocks(rows.len(), vec![block], &vec![true; rows.len()])
+    }
+
     /// Number of patches.
     pub fn len(&self) -> usize {
         self.valid.len()
