@@ -195,6 +195,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
             (simplified, Some(face_tracer))
         }
     };
+    simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
     clock.stop("simplify");
 
     let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };

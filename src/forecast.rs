@@ -10,9 +10,9 @@ use crate::{
 
 /// Sizes and costs of a bake that has not begun.
 ///
-/// The scene is cut into voxels as the bake will cut it, so fragments are exact; patches are exact but for those that
-/// are split where they straddle something (a few per cent more). All patches are taken as reached by light: rays,
-/// bytes and seconds are upper estimates for scenes with outer shells or sealed parts.
+/// The scene is cut into voxels as the bake will cut it, so fragments are nearly exact. How many patches are split where
+/// they straddle something takes rays to know: patches, rays, bytes and seconds are estimates within a factor of two or
+/// so. All patches are taken as reached by light.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Forecast {
     /// Voxel size, world units.
@@ -63,15 +63,15 @@ impl std::fmt::Display for Forecast {
 /// Bytes a triangle: scene, ray-tracing structure, copies for it.
 const TRIANGLE_BYTES: f64 = 420.0;
 /// Bytes a fragment: its corners, and its vertices with their light.
-pub(crate) const FRAGMENT_BYTES: f64 = 700.0;
+pub(crate) const FRAGMENT_BYTES: f64 = 1000.0;
 /// Bytes a fragment while only fragments are counted.
 const COUNTED_BYTES: f64 = 160.0;
 /// Bytes a patch without its row.
 const PATCH_BYTES: f64 = 420.0;
 /// Bytes a ray of a row: 0.7 entries of 2.1 bytes, twice while rows are put in order.
-const RAY_BYTES: f64 = 2.0 * 0.7 * 2.1;
+pub(crate) const RAY_BYTES: f64 = 2.0 * 0.7 * 2.1;
 /// What the program itself takes.
-const BASE_BYTES: f64 = 30e6;
+const BASE_BYTES: f64 = 50e6;
 
 /// Foretells the bake of `scene` with `options`.
 ///

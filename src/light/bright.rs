@@ -6,7 +6,7 @@ use super::LightSet;
 use crate::simplify::{Simplified, clip::point_at};
 
 /// A patch is bright from this many times the mean first reflection on.
-const BRIGHT: f64 = 8.0;
+const BRIGHT: f64 = 12.0;
 /// Share of the second moment of the first reflection from which bright patches are worth it.
 const WORTH: f64 = 0.5;
 /// Most bright patches.

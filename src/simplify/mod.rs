@@ -17,7 +17,7 @@ pub use grid::Grid;
 pub use hit_map::HitMap;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
-pub use size::{check_size, expected_fragments};
+pub use size::{check_rows, check_size, expected_fragments};
 pub use surfels::{count, surfels};
 
 use glam::Vec3;

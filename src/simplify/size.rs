@@ -61,9 +61,41 @@ pub fn check_size(scene: &Scene, grid: &Grid, bytes_per_fragment: f64) -> Result
     )))
 }
 
+/// Refuses rows that do not fit the memory.
+///
+/// # Errors
+/// [`Error::Option`] with the numbers and the remedy.
+pub fn check_rows(patches: usize, rays: u32, bytes_per_ray: f64) -> Result<()> {
+    let memory = available_memory().unwrap_or(f64::INFINITY);
+    let bytes = patches as f64 * rays as f64 * bytes_per_ray;
+    if bytes <= memory {
+        return Ok(());
+    }
+    Err(Error::Option(format!(
+        "the form factors of {patches} patches with {rays} rays each would take {:.1} GB of memory, and {:.1} GB are free; \
+         choose fewer --rays or a coarser --grid",
+        bytes * 1e-9,
+        memory * 1e-9
+    )))
+}
+
 /// Memory that can be had without swapping, bytes; `None` where the system does not tell (`/proc/meminfo`).
 fn available_memory() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.split_whitespace().next()?.parse::<f64>().ok().map(|kib| kib * 1024.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_fit_no_machine_are_refused_with_the_numbers() {
+        assert!(check_rows(1000, 256, 3.0).is_ok());
+        if available_memory().is_some() {
+            let error = check_rows(1 << 40, 65536, 3.0).expect_err("too much").to_string();
+            assert!(error.contains("65536 rays") && error.contains("--grid"), "{error}");
+        }
+    }
 }
