@@ -1,0 +1,162 @@
+//! What the patches send each other.
+
+use glam::Vec3;
+
+use crate::{
+    BakeOptions,
+    light::{self, Bright, LightSet},
+    options::{PatchSource, Primary},
+    progress::Progress,
+    simplify::Simplified,
+    solve::{self, Solution},
+    trace::RayTracer,
+    transfer::{self, Estimate, FormFactors},
+};
+
+/// What light is exchanged between and by.
+pub(super) struct Exchange<'a> {
+    pub simplified: &'a Simplified,
+    /// What is sampled by shadow rays.
+    pub lights: &'a LightSet,
+    /// Tracer of the real surfaces.
+    pub tracer: &'a dyn RayTracer,
+    pub options: &'a BakeOptions,
+    pub progress: &'a dyn Progress,
+}
+
+/// Primary light of the patches.
+pub(super) struct PrimaryLight {
+    /// Irradiance, W/m2.
+    pub direct: Vec<Vec3>,
+    /// The part of it that emitting patches send, where they are senders of the system.
+    pub glow: Option<Vec<Vec3>>,
+    /// First reflection, W/m2.
+    pub source: Vec<[f64; 3]>,
+}
+
+/// Patches whose first reflection is sent by shadow rays.
+pub(super) struct Sent {
+    pub patches: Bright,
+    /// The irradiance that they give to every patch, W/m2.
+    pub received: Vec<Vec3>,
+}
+
+/// Light after the first reflection.
+pub(super) struct Secondary {
+    /// Irradiance, W/m2.
+    pub indirect: Vec<Vec3>,
+    /// The part of it that came by form factors.
+    pub smooth: Vec<Vec3>,
+    /// Reflected radiosity, W/m2.
+    pub radiosity: Vec<Vec3>,
+}
+
+/// Points on patches that are made at once, to bound their memory.
+const PATCH_POINTS: usize = 1 << 19;
+/// A patch that is all but hidden is not trusted with more than this factor.
+const LEAST_SEEN: f32 = 0.05;
+
+impl Exchange<'_> {
+    /// Irradiance of the patches from the lights, over all of their surface; and the shadow rays it took.
+    pub fn direct(&self) -> (Vec<Vec3>, u64) {
+        self.sampled(self.lights)
+    }
+
+    /// Which patches light starts from.
+    pub fn lit(&self, direct: &[Vec3]) -> Vec<bool> {
+        let glows =
+            |i: usize| self.options.primary == Primary::Radiosity && self.simplified.patches.emitted[i] != Vec3::ZERO;
+        (0..direct.len()).map(|i| direct[i] != Vec3::ZERO || glows(i)).collect()
+    }
+
+    /// Primary light of the visible parts of the patches.
+    pub fn primary(&self, mut direct: Vec<Vec3>, f: &FormFactors) -> PrimaryLight {
+        visible_part(&mut direct, f);
+        let patches = &self.simplified.patches;
+        let glow = (self.options.primary == Primary::Radiosity).then(|| {
+            let emitted: Vec<[f64; 3]> = patches.emitted.iter().map(|&m| rgb(m)).collect();
+            let mut received = vec![[0.0; 3]; patches.len()];
+            f.multiply(&emitted, &mut received);
+            received.into_iter().map(vec3).collect::<Vec<Vec3>>()
+        });
+        let direct = add(direct, glow.clone());
+        let reflected = |(e, a): (&Vec3, &Vec3)| std::array::from_fn(|c| e[c] as f64 * a[c] as f64);
+        let source = direct.iter().zip(&patches.albedo).map(reflected).collect();
+        PrimaryLight { direct, glow, source }
+    }
+
+    /// The bright patches, if any, with what they send; and the shadow rays it took.
+    pub fn bright(&self, primary: &PrimaryLight, estimate: &Estimate) -> (Option<Sent>, u64) {
+        if self.options.patches == PatchSource::Faces {
+            return (None, 0);
+        }
+        let Some(patches) = Bright::choose(self.simplified, &primary.source, &estimate.reached) else {
+            return (None, 0);
+        };
+        let (mut received, rays) = self.sampled(&patches.lights);
+        visible_part(&mut received, &estimate.form_factors);
+        (Some(Sent { patches, received }), rays)
+    }
+
+    /// Solves for the light that goes on by form factors.
+    pub fn secondary(&self, primary: &PrimaryLight, bright: Option<&Sent>, f: &FormFactors) -> (Secondary, Solution) {
+        let albedo: Vec<[f64; 3]> = self.simplified.patches.albedo.iter().map(|&a| rgb(a)).collect();
+        let mut source = primary.source.clone();
+        let mut sent = vec![Vec3::ZERO; source.len()];
+        if let Some(bright) = bright {
+            bright.patches.patches.iter().for_each(|&i| source[i as usize] = [0.0; 3]);
+            for i in (0..source.len()).filter(|&i| f.has_row(i)) {
+                sent[i] = bright.received[i];
+                source[i] = std::array::from_fn(|c| source[i][c] + albedo[i][c] * sent[i][c] as f64);
+            }
+        }
+        let solution = solve::solve(f, &albedo, &source, self.options.tolerance);
+        let smooth: Vec<Vec3> = solution.irradiance.iter().map(|&e| vec3(e)).collect();
+        let indirect = add(sent, Some(smooth.clone()));
+        let mut radiosity: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
+        for &i in bright.iter().flat_map(|b| &b.patches.patches) {
+            radiosity[i as usize] += vec3(primary.source[i as usize]);
+        }
+        (Secondary { indirect, smooth, radiosity }, solution)
+    }
+
+    fn sampled(&self, lights: &LightSet) -> (Vec<Vec3>, u64) {
+        let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
+        let samples = self.options.patch_samples;
+        let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
+        self.progress.begin("direct light", all.len() as u64);
+        for block in all.chunks((PATCH_POINTS / samples as usize).max(1)) {
+            let points = transfer::patch_points(self.simplified, block, samples, self.options.seed);
+            let result = light::irradiance(lights, self.tracer, &points, samples as usize, samples, self.options.seed);
+            direct.extend(result.irradiance);
+            rays += result.rays;
+            self.progress.advance(block.len() as u64);
+        }
+        self.progress.end();
+        (direct, rays)
+    }
+}
+
+/// Parts of patches that are hidden were counted as dark; what slips through cracks onto a patch that is hidden
+/// altogether is no light.
+fn visible_part(irradiance: &mut [Vec3], f: &FormFactors) {
+    for (i, e) in irradiance.iter_mut().enumerate() {
+        let seen = 1.0 - f.hidden(i) as f32;
+        *e = if seen > 0.0 { (*e / seen.max(LEAST_SEEN)).min(Vec3::MAX) } else { Vec3::ZERO };
+    }
+}
+
+/// Sums, where there is something to add.
+pub(super) fn add(mut a: Vec<Vec3>, b: Option<Vec<Vec3>>) -> Vec<Vec3> {
+    a.iter_mut().zip(b.into_iter().flatten()).for_each(|(a, b)| *a += b);
+    a
+}
+
+fn rgb(v: Vec3) -> [f64; 3] {
+    v.to_array().map(f64::from)
+}
+
+fn vec3(v: [f64; 3]) -> Vec3 {
+    // Finite, however strong the lights are.
+    Vec3::from_array(v.map(|x| x as f32)).min(Vec3::MAX)
+}

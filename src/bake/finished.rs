@@ -1,0 +1,161 @@
+//! A finished bake, and what can be asked of it.
+
+use glam::Vec3;
+
+use super::exchange::add;
+use crate::{
+    BakeOptions,
+    light::{self, LightSet},
+    progress::Progress,
+    reconstruct::{self, Field, PatchIndex},
+    report::Report,
+    simplify::{NO_PATCH, Patches, Simplified, SplitMesh},
+    trace::{Hit, RayTracer},
+    transfer::FormFactors,
+};
+
+/// A point of a surface that receives light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfacePoint {
+    /// Position, local.
+    pub position: Vec3,
+    /// Unit normal.
+    pub normal: Vec3,
+}
+
+/// Irradiance, W/m2, one entry a point.
+#[derive(Clone, Debug, Default)]
+pub struct Irradiance {
+    /// Straight from lights.
+    pub direct: Vec<Vec3>,
+    /// After at least one reflection.
+    pub indirect: Vec<Vec3>,
+}
+
+/// Light of the patches.
+#[derive(Clone, Debug, Default)]
+pub struct PatchLight {
+    /// Direct irradiance, W/m2.
+    pub direct: Vec<Vec3>,
+    /// Indirect irradiance, W/m2.
+    pub indirect: Vec<Vec3>,
+    /// Reflected radiosity, W/m2; emission is not in it.
+    pub radiosity: Vec<Vec3>,
+    /// Whether light reaches the patch at all.
+    pub reached: Vec<bool>,
+    /// Whether the patch has a value: not if all of it lies hidden inside or behind objects.
+    pub known: Vec<bool>,
+}
+
+/// Points that are lit at once.
+const BLOCK: usize = 1 << 14;
+
+/// A finished bake.
+pub struct Bake {
+    /// The surfaces cut by the voxels.
+    pub mesh: SplitMesh,
+    /// Light at the vertices of `mesh`.
+    pub vertices: Irradiance,
+    /// The patches and the surfaces that they stand for.
+    pub simplified: Simplified,
+    /// Form factors between the patches.
+    pub form_factors: FormFactors,
+    /// Light of the patches.
+    pub light: PatchLight,
+    /// What was measured.
+    pub report: Report,
+    pub(super) options: BakeOptions,
+    pub(super) lights: LightSet,
+    /// Bright patches, whose first reflection lights vertices and points as lamps do.
+    pub(super) bright: Option<LightSet>,
+    /// Irradiance of the patches straight from emitting patches; `None` where emitters are sampled as lights.
+    pub(super) glow: Option<Vec<Vec3>>,
+    /// Indirect irradiance of the patches without what the bright ones send.
+    pub(super) smooth: Vec<Vec3>,
+    pub(super) index: PatchIndex,
+    /// Normals of the scene's triangles.
+    pub(super) normals: Vec<Vec3>,
+    pub(super) tracer: Box<dyn RayTracer>,
+    /// Tracer of the voxel faces, where they are the patches.
+    pub(super) face_tracer: Option<Box<dyn RayTracer>>,
+}
+
+impl SurfacePoint {
+    /// Whether the position is finite and the normal a unit vector.
+    pub(crate) fn is_sound(&self) -> bool {
+        self.position.is_finite() && (self.normal.length_squared() - 1.0).abs() < 0.01
+    }
+}
+
+impl Bake {
+    /// The patches.
+    pub fn patches(&self) -> &Patches {
+        &self.simplified.patches
+    }
+
+    /// The tracer of the scene's surfaces.
+    pub fn tracer(&self) -> &dyn RayTracer {
+        &*self.tracer
+    }
+
+    /// The tracer that [`Bake::patch_of`] understands: that of the surfaces, or of the voxel faces.
+    pub fn patch_tracer(&self) -> &dyn RayTracer {
+        self.face_tracer.as_deref().unwrap_or(&*self.tracer)
+    }
+
+    /// The patch that a ray of [`Bake::patch_tracer`] met; `None` if nothing or the inside of an object.
+    pub fn patch_of(&self, hit: &Hit) -> Option<u32> {
+        if !hit.is_hit() {
+            return None;
+        }
+        let patch = self.simplified.hit_map.patch(&self.simplified.fragments, hit);
+        (patch != NO_PATCH).then_some(patch)
+    }
+
+    /// Radiance of the sky in a direction that meets no surface, W/m2/sr.
+    pub fn sky_radiance(&self, direction: Vec3) -> Vec3 {
+        self.lights.sky_radiance(direction)
+    }
+
+    /// Irradiance at surface points of the scene. The light of a point depends on nothing but the point itself; it is
+    /// zero where the point is not finite or its normal is not a unit vector. Points in the edges of the mesh are lit
+    /// from slightly inside of the room.
+    pub fn irradiance(&self, points: &[SurfacePoint], progress: &dyn Progress) -> Irradiance {
+        self.irradiance_with(points, self.options.point_samples, progress)
+    }
+
+    /// As [`Bake::irradiance`], with another number of shadow rays a point.
+    pub fn irradiance_with(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
+        let points = reconstruct::clear_of_walls(&*self.tracer, &self.normals, points);
+        self.light(&points, samples, progress)
+    }
+
+    /// Light at points that stand clear of walls.
+    pub(super) fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
+        progress.begin("points", points.len() as u64);
+        let mut all = Irradiance::default();
+        for block in points.chunks(BLOCK) {
+            let lit = |lights: &LightSet| {
+                light::irradiance(lights, &*self.tracer, block, 1, samples, self.options.seed).irradiance
+            };
+            all.direct.extend(add(lit(&self.lights), self.glow.as_ref().map(|glow| self.interpolate(block, glow))));
+            all.indirect.extend(add(self.interpolate(block, &self.smooth), self.bright.as_ref().map(lit)));
+            progress.advance(block.len() as u64);
+        }
+        progress.end();
+        all
+    }
+
+    fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3]) -> Vec<Vec3> {
+        let field = Field {
+            simplified: &self.simplified,
+            index: &self.index,
+            values,
+            known: &self.light.known,
+            tracer: &*self.tracer,
+            normals: &self.normals,
+            cos_threshold: self.options.normal_threshold.to_radians().cos(),
+        };
+        reconstruct::interpolate(&field, self.options.reconstruct, points)
+    }
+}

@@ -1,0 +1,120 @@
+//! What a bake tells about itself.
+
+use std::time::Instant;
+
+use crate::{
+    Scene,
+    report::{Counts, Energy, Rays, Report, RowSums, Skipped, Solver, Stage},
+    solve::Solution,
+    transfer::FormFactors,
+};
+
+use super::Bake;
+
+/// Times the stages.
+pub(super) struct Clock {
+    last: Instant,
+    stages: Vec<Stage>,
+}
+
+impl Clock {
+    pub fn new() -> Clock {
+        Clock { last: Instant::now(), stages: Vec::new() }
+    }
+
+    /// Ends a stage; its seconds.
+    pub fn stop(&mut self, name: &'static str) -> f64 {
+        let seconds = self.last.elapsed().as_secs_f64();
+        self.stages.push(Stage { name, seconds });
+        self.last = Instant::now();
+        seconds
+    }
+}
+
+/// What the stages took.
+pub(super) struct Work {
+    pub solution: Solution,
+    pub row_rays: u64,
+    /// Shadow rays to patches.
+    pub visibility: u64,
+    pub rows_seconds: f64,
+}
+
+/// Measures a finished bake.
+pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Report {
+    let (patches, f) = (bake.patches(), &bake.form_factors);
+    let reached = bake.light.reached.iter().filter(|&&r| r).count();
+    let unreached = patches.len() - reached;
+    let mut skipped = Vec::new();
+    if unreached > 0 {
+        skipped.push(Skipped {
+            what: "patches that no light reaches".into(),
+            patches: unreached,
+            rays: unreached as u64 * (bake.options.rays as u64).saturating_sub(64),
+            error: "none of 64 probe rays of each met a lit patch, and no ray of a lit patch met it".into(),
+        });
+    }
+    Report {
+        version: env!("CARGO_PKG_VERSION").into(),
+        backend: bake.tracer.name(),
+        instruction_set: bake.tracer.instruction_set(),
+        threads: rayon::current_num_threads(),
+        settings: Some(bake.options.clone()),
+        counts: Counts {
+            triangles: scene.triangles.len(),
+            voxel_size: bake.simplified.grid.voxel_size * scene.frame.scale,
+            voxels: patches.voxel.chunk_by(|a, b| a == b).count(),
+            fragments: bake.simplified.fragments.len(),
+            patches: patches.len(),
+            patches_reached: reached,
+            vertices: bake.mesh.positions.len(),
+            form_factors: f.nonzeros(),
+            form_factor_bytes: f.size_in_bytes(),
+        },
+        stages: clock.stages,
+        rays: Rays {
+            form_factors: work.row_rays,
+            form_factor_mrays_per_second: work.row_rays as f64 / work.rows_seconds * 1e-6,
+            visibility: work.visibility,
+        },
+        energy: energy(bake, scene.frame.scale),
+        row_sums: row_sums(f),
+        solver: Solver { method: "bicgstab", iterations: work.solution.iterations, residual: work.solution.residual },
+        skipped,
+        warnings: scene.warnings.clone(),
+        ..Report::default()
+    }
+}
+
+/// Balance of power over the visible surfaces, in world units.
+fn energy(bake: &Bake, scale: f64) -> Energy {
+    let (patches, f, light) = (bake.patches(), &bake.form_factors, &bake.light);
+    let mut energy = Energy::default();
+    for i in 0..patches.len() {
+        let area = patches.area[i] as f64 * (1.0 - f.hidden(i)) * scale * scale;
+        for c in 0..3 {
+            let (direct, indirect) = (light.direct[i][c] as f64, light.indirect[i][c] as f64);
+            energy.direct[c] += area * direct;
+            energy.absorbed[c] += area * (direct + indirect) * (1.0 - patches.albedo[i][c] as f64);
+            energy.escaped[c] += area * light.radiosity[i][c] as f64 * f.escape(i);
+        }
+    }
+    for c in 0..3 {
+        let balance = energy.direct[c] - energy.absorbed[c] - energy.escaped[c];
+        energy.imbalance[c] = if energy.direct[c] > 0.0 { balance / energy.direct[c] } else { 0.0 };
+    }
+    energy
+}
+
+fn row_sums(f: &FormFactors) -> RowSums {
+    let rows: Vec<usize> = (0..f.len()).filter(|&i| f.has_row(i)).collect();
+    let sums = || rows.iter().map(|&i| f.raw_row_sum(i));
+    let count = rows.len().max(1) as f64;
+    RowSums {
+        min: sums().fold(1.0, f64::min),
+        mean: sums().sum::<f64>() / count,
+        max: sums().fold(0.0, f64::max),
+        closed: f.is_closed(),
+        hidden: rows.iter().map(|&i| f.hidden(i)).sum::<f64>() / count,
+    }
+}

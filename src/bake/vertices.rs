@@ -1,0 +1,52 @@
+//! Which sides of the surfaces get vertices.
+
+use crate::{
+    BakeOptions, Scene,
+    options::PatchSource,
+    reconstruct::PatchIndex,
+    simplify::{self, NO_PATCH, Simplified, SplitMesh},
+    trace::RayTracer,
+};
+
+use super::PatchLight;
+
+/// The mesh that light is told at: sides that light reaches, and the fronts of the rest.
+pub(super) fn mesh(
+    scene: &Scene,
+    simplified: &Simplified,
+    light: &PatchLight,
+    index: &PatchIndex,
+    options: &BakeOptions,
+    tracer: &dyn RayTracer,
+) -> SplitMesh {
+    let h = simplified.grid.voxel_size as f32;
+    if options.patches == PatchSource::Surfels {
+        let fragments = &simplified.fragments;
+        let lit = |f: usize, side: usize| {
+            let patch = fragments.patch[f][side];
+            patch != NO_PATCH && light.reached[patch as usize]
+        };
+        let wanted = |f: usize, side: usize| lit(f, side) || (side == 0 && !lit(f, 1));
+        return simplify::split_mesh(scene, fragments, h, tracer, wanted);
+    }
+    let fragments = simplify::clip(scene, &simplified.grid);
+    let cos_threshold = options.normal_threshold.to_radians().cos();
+    let lit = |f: usize, side: usize| {
+        let t = fragments.triangle[f] as usize;
+        let normal = if side == 1 { -scene.normal(t) } else { scene.normal(t) };
+        let middle = simplify::clip::point_at(&scene.corners_of(t), simplify::clip::uv_centroid(fragments.uv(f)));
+        let mut found = false;
+        index.near(middle, 1.0, |j| {
+            let ahead = (simplified.patches.centroid[j] - middle).dot(normal) > -0.01 * h;
+            found |= ahead && light.reached[j] && simplified.patches.normal[j].dot(normal) >= cos_threshold;
+        });
+        found
+    };
+    let two_sided = |f: usize| scene.triangles[fragments.triangle[f] as usize].two_sided;
+    let wanted = |f: usize, side: usize| {
+        if side == 0 { !two_sided(f) || lit(f, 0) || !lit(f, 1) } else { two_sided(f) && lit(f, 1) }
+    };
+    let mut mesh = simplify::split_mesh(scene, &fragments, h, tracer, wanted);
+    mesh.patch.fill(NO_PATCH);
+    mesh
+}
