@@ -6,10 +6,10 @@
 use glam::{DVec3, Vec3};
 use luxel::{
     BakeOptions, Result, Scene,
-    bake::SurfacePoint,
     light::{self, LightSet},
     progress::Silent,
     reconstruct::{self, Field, PatchIndex},
+    scene::SurfacePoint,
     scene::{Builder, Material, RawMaterial, RawMesh, SidesRule},
     simplify::{self, Grid},
     solve, trace,

@@ -18,7 +18,7 @@ mod finished;
 mod measure;
 mod vertices;
 
-pub use finished::{Bake, Irradiance, PatchLight, SurfacePoint};
+pub use finished::{Bake, Irradiance, PatchLight};
 
 use exchange::Exchange;
 use measure::{Clock, Work};

@@ -5,10 +5,10 @@ use std::f32::consts::PI;
 use glam::{DVec3, Quat, Vec3};
 use luxel::{
     Scene,
-    bake::SurfacePoint,
     light::{LightSet, irradiance},
     options::Backend,
     sampling,
+    scene::SurfacePoint,
     scene::{Corners, Frame, Light, Material, Triangle, light::Environment},
     trace::{self, RayTracer},
 };

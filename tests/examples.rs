@@ -1,6 +1,6 @@
 //! The examples do what they say.
 
-use luxel::{BakeOptions, bake::SurfacePoint, options::Resolution, progress::Silent};
+use luxel::{BakeOptions, options::Resolution, progress::Silent, scene::SurfacePoint};
 
 #[allow(dead_code)]
 #[path = "../examples/in_memory.rs"]

@@ -6,11 +6,11 @@ use common::{Stage, World, faces, options, rotation};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use luxel::{
     BakeOptions,
-    bake::{Bake, SurfacePoint},
+    bake::Bake,
     options::{Primary, Resolution},
     progress::Silent,
     sampling,
-    scene::{Builder, SidesRule, WorldLight},
+    scene::{Builder, SidesRule, SurfacePoint, WorldLight},
     simplify::{self, Grid, NO_PATCH, clip::point_at},
     trace::{Hit, RayBatch},
 };

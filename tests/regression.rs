@@ -6,9 +6,9 @@ use common::{World, options};
 use glam::{DAffine3, DVec3, Vec3};
 use luxel::{
     BakeOptions,
-    bake::SurfacePoint,
     options::{Reconstruct, Resolution},
     progress::Silent,
+    scene::SurfacePoint,
     scene::WorldLight,
     simplify::{self, Grid},
 };

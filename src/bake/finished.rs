@@ -9,19 +9,11 @@ use crate::{
     progress::Progress,
     reconstruct::{self, Field, PatchIndex},
     report::Report,
+    scene::SurfacePoint,
     simplify::{NO_PATCH, Patches, Simplified, SplitMesh},
     trace::{Hit, RayTracer},
     transfer::FormFactors,
 };
-
-/// A point of a surface that receives light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfacePoint {
-    /// Position, local.
-    pub position: Vec3,
-    /// Unit normal.
-    pub normal: Vec3,
-}
 
 /// Irradiance, W/m2, one entry a point.
 #[derive(Clone, Debug, Default)]

@@ -9,8 +9,9 @@ use std::{
 use glam::{DVec3, Vec3};
 use luxel::{
     Error, Result,
-    bake::{Irradiance, SurfacePoint},
+    bake::Irradiance,
     output::{atomic::Staged, report::summary},
+    scene::SurfacePoint,
 };
 
 use super::{

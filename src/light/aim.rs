@@ -7,7 +7,7 @@ use super::{
     lamp::{Lamp, Polygon, Shape},
     spherical::SphericalPolygon,
 };
-use crate::{bake::SurfacePoint, sampling, scene::RAY_OFFSET};
+use crate::{sampling, scene::RAY_OFFSET, scene::SurfacePoint};
 
 /// Where a shadow ray ends and what its arrival is worth.
 pub(super) struct Aim {

@@ -11,9 +11,9 @@ use super::{
     tree::{Ball, Branch},
 };
 use crate::{
-    bake::SurfacePoint,
     sampling,
     scene::RAY_OFFSET,
+    scene::SurfacePoint,
     trace::{RayBatch, RayTracer},
 };
 

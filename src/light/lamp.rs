@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use super::form;
 use crate::{
-    bake::SurfacePoint,
+    scene::SurfacePoint,
     scene::{Light, RAY_OFFSET},
 };
 

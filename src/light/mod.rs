@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use crate::{Scene, bake::SurfacePoint, scene::Light, trace::RayTracer};
+use crate::{Scene, scene::Light, scene::SurfacePoint, trace::RayTracer};
 
 mod aim;
 mod bright;

@@ -1,6 +1,6 @@
 //! The random numbers of all receivers.
 
-use crate::{bake::SurfacePoint, sampling};
+use crate::{sampling, scene::SurfacePoint};
 
 /// One Sobol point set for all receivers; each shifts the bits by its own hash, which keeps every stratum.
 pub(super) struct Numbers {

@@ -7,7 +7,7 @@
 use glam::{Quat, Vec3};
 
 use super::lamp::{Bounds, Lamp};
-use crate::bake::SurfacePoint;
+use crate::scene::SurfacePoint;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tree {

@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::{Sight, camera::View, emission, hidden_backs, tonemap::ToneMap};
 use crate::{
     Scene,
-    bake::{Bake, SurfacePoint},
+    bake::Bake,
     progress::{Progress, Silent},
-    scene::Camera,
+    scene::{Camera, SurfacePoint},
     trace::{Hit, RayBatch},
 };
 

@@ -7,9 +7,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{
-    bake::SurfacePoint,
     sampling,
     scene::RAY_OFFSET,
+    scene::SurfacePoint,
     trace::{Hit, RayBatch, RayTracer},
 };
 

@@ -12,8 +12,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{
-    bake::SurfacePoint,
     options::Reconstruct,
+    scene::SurfacePoint,
     simplify::{Patches, Simplified},
     trace::RayTracer,
 };

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::Field;
-use crate::bake::SurfacePoint;
+use crate::scene::SurfacePoint;
 
 /// The four nearest known patches whose normals are within the threshold angle, weighted by inverse distance.
 ///

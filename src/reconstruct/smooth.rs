@@ -4,8 +4,8 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::{Field, nearest4};
 use crate::{
-    bake::SurfacePoint,
     sampling,
+    scene::SurfacePoint,
     trace::{Hit, RayBatch},
 };
 

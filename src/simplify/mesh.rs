@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     Scene,
-    bake::SurfacePoint,
+    scene::SurfacePoint,
     trace::{Hit, RayBatch, RayTracer},
 };
 

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::PointSets;
 use crate::{
-    bake::SurfacePoint,
     sampling,
     scene::RAY_OFFSET,
+    scene::SurfacePoint,
     simplify::{Simplified, clip::point_at, normal_of},
     trace::RayBatch,
 };

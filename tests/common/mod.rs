@@ -6,9 +6,9 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use luxel::{
     BakeOptions, Scene,
-    bake::{Bake, SurfacePoint},
+    bake::Bake,
     options::{PatchSource, Resolution},
-    scene::{Builder, Material, RawMaterial, RawMesh, SidesRule, WorldLight},
+    scene::{Builder, Material, RawMaterial, RawMesh, SidesRule, SurfacePoint, WorldLight},
 };
 
 /// A scene under construction.
