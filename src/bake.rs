@@ -70,7 +70,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let primary = exchange.primary(direct, &estimate.form_factors);
     let (bright, rays) = exchange.bright(&primary, &estimate);
     visibility += rays;
-    if bright.is_some() {
+    if rays > 0 {
         clock.stop("bright patches");
     }
     let (secondary, solution) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);

@@ -53,6 +53,8 @@ pub(super) struct Secondary {
 
 /// Points on patches that are made at once, to bound their memory.
 const PATCH_POINTS: usize = 1 << 19;
+/// Shadow rays whose power balance is off by more than this share are not used: rows are noisier, but balanced.
+const MOST_GAIN: f64 = 0.02;
 /// A patch that is all but hidden is not trusted with more than this factor.
 const LEAST_SEEN: f32 = 0.05;
 
@@ -85,7 +87,8 @@ impl Exchange<'_> {
         PrimaryLight { direct, glow, source }
     }
 
-    /// The bright patches, if any, with what they send; and the shadow rays it took.
+    /// The bright patches, if any, with what they send; and the shadow rays it took. None where shadow rays and form
+    /// factors disagree on how much light arrives.
     pub fn bright(&self, primary: &PrimaryLight, estimate: &Estimate) -> (Option<Sent>, u64) {
         if self.options.patches == PatchSource::Faces {
             return (None, 0);
@@ -95,7 +98,21 @@ impl Exchange<'_> {
         };
         let (mut received, rays) = self.sampled(&patches.lights);
         visible_part(&mut received, &estimate.form_factors);
-        (Some(Sent { patches, received }), rays)
+        let sent = Sent { patches, received };
+        let sound = (self.gain(primary, &sent, &estimate.form_factors) - 1.0).abs() < MOST_GAIN;
+        (sound.then_some(sent), rays)
+    }
+
+    /// Power that arrives by shadow rays, as a share of what the bright patches send and does not escape.
+    fn gain(&self, primary: &PrimaryLight, sent: &Sent, f: &FormFactors) -> f64 {
+        let area = |i: usize| self.simplified.patches.area[i] as f64 * (1.0 - f.hidden(i));
+        let power = |i: u32| {
+            let i = i as usize;
+            area(i) * primary.source[i].iter().sum::<f64>() * (1.0 - f.escape(i))
+        };
+        let arriving = (0..sent.received.len()).filter(|&i| f.has_row(i));
+        let arriving: f64 = arriving.map(|i| area(i) * sent.received[i].element_sum() as f64).sum();
+        arriving / sent.patches.patches.iter().map(|&i| power(i)).sum::<f64>()
     }
 
     /// Solves for the light that goes on by form factors.
