@@ -156,9 +156,9 @@ impl Emitter {
 /// The largest f32 below one.
 const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// A fixed-point fraction as a float in [0, 1).
+/// A fixed-point fraction as a float in [0, 1). Signed integers convert in one vector instruction, unsigned ones do not.
 fn fraction(x: u32) -> f32 {
-    (x >> 8) as f32 * (1.0 / (1 << 24) as f32)
+    (x >> 8) as i32 as f32 * (1.0 / (1 << 24) as f32)
 }
 
 /// Frame about `normal` whose first axis is turned by `azimuth`.
