@@ -1,7 +1,5 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
-use rayon::prelude::*;
-
 use crate::{
     BakeOptions, Error, Result, Scene, forecast,
     light::LightSet,
@@ -87,7 +85,6 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let mesh = vertices::mesh(scene, &simplified, &light, &index, options, &*tracer);
     clock.stop("split mesh");
 
-    let normals = (0..scene.triangles.len()).into_par_iter().map(|t| scene.normal(t)).collect();
     let mut bake = Bake {
         mesh,
         vertices: Irradiance::default(),
@@ -101,7 +98,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         glow: primary.glow,
         smooth: secondary.smooth,
         index,
-        normals,
+        normals: scene.normals(),
         tracer,
         face_tracer,
     };

@@ -29,8 +29,19 @@ const BATCH: usize = 4096;
 /// Owen-scrambled Sobol numbers end here.
 const MOST_SAMPLES: u32 = 1 << 16;
 
-/// See [`super::irradiance`].
-pub(super) fn irradiance(
+/// Direct irradiance of receivers, W/m2.
+///
+/// A receiver is `points_per_receiver` consecutive `points`; its irradiance is the mean over them. Sample k of
+/// `samples` (at most 65536; a power of two is best) is taken at point k modulo `points_per_receiver`. For a patch give as
+/// many points as samples, at the places that the first two coordinates of `sampling::sobol4(k, seed)` choose with
+/// the same `seed`: the lights then use the other two, and all four are stratified together. Points are taken as
+/// they are; rays start [`RAY_OFFSET`](crate::scene::RAY_OFFSET) off along the unit normal. Receivers
+/// with a point that is not finite or a normal that is not a unit vector get no light.
+///
+/// # Accuracy
+/// Exact in full view of the lights (skies: of all of a constant sky). Equal points and `seed` give equal bits, whatever
+/// else is in the list and however many threads there are.
+pub fn irradiance(
     lights: &LightSet,
     tracer: &dyn RayTracer,
     points: &[SurfacePoint],

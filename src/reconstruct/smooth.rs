@@ -6,6 +6,7 @@ use super::{Field, nearest4};
 use crate::{
     sampling,
     scene::SurfacePoint,
+    simplify::UNLIKE,
     trace::{Hit, RayBatch},
 };
 
@@ -105,7 +106,7 @@ fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, n
     let mut begin = 0;
     for (point, &end) in points.iter().zip(ends) {
         for k in begin..end {
-            let blocks = |h: &Hit| h.is_hit() && field.normals[h.triangle()].dot(point.normal).abs() < 0.7;
+            let blocks = |h: &Hit| h.is_hit() && field.normals[h.triangle()].dot(point.normal).abs() < UNLIKE;
             if blocks(&hits[k]) {
                 neighbours[k].weight = 0.0;
             }

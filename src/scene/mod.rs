@@ -1,6 +1,7 @@
 //! What is baked: surfaces, materials, lights, in one normalised frame.
 
 use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
 
 mod builder;
 pub mod check;
@@ -158,6 +159,11 @@ impl Scene {
     pub fn normal(&self, t: usize) -> Vec3 {
         let [a, b, c] = self.corners_of(t).map(Vec3::as_dvec3);
         (b - a).cross(c - a).normalize().as_vec3()
+    }
+
+    /// Unit geometric normals of all triangles.
+    pub fn normals(&self) -> Vec<Vec3> {
+        (0..self.triangles.len()).into_par_iter().map(|t| self.normal(t)).collect()
     }
 
     /// Area of triangle `t`, local units squared.

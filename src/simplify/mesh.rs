@@ -181,7 +181,7 @@ fn separate(
 ) -> Vec<u32> {
     let lift = 0.005 * voxel_size;
     let eye = |c: &Corner| c.inside + lift * c.flat;
-    let normals: Vec<Vec3> = (0..scene.triangles.len()).into_par_iter().map(|t| scene.normal(t)).collect();
+    let normals = scene.normals();
     let blocked = |from: &[u32], to: &[u32]| -> Vec<bool> {
         from.par_chunks(4096)
             .zip(to.par_chunks(4096))

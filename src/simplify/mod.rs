@@ -18,6 +18,7 @@ pub use hit_map::HitMap;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
 pub use size::{check_rows, check_size, expected_fragments};
+pub(crate) use surfels::UNLIKE;
 pub use surfels::{count, surfels};
 
 use glam::Vec3;

@@ -3,20 +3,18 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{
-    Fragments, Grid, HitMap, Patches, Simplified, clip, corners, normal_of, patches::mean_colour, straddle::separate,
-};
+use super::{Fragments, Grid, HitMap, Patches, Simplified, clip, patches::mean_colour, straddle::separate};
 use crate::{Scene, trace::RayTracer};
 
-/// Largest cosine between the normals of surfaces that count as unlike.
-pub(super) const UNLIKE: f32 = 0.7;
+/// Largest cosine between the normals of surfaces that count as unlike: only they hide points of one surface from each
+/// other.
+pub(crate) const UNLIKE: f32 = 0.7;
 
 /// Cuts the scene by the grid and groups the pieces: one patch for each voxel and side of like normals whose points
 /// see each other. `tracer` holds the scene's own triangles.
 pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified {
     let geometry = scene.geometry();
-    let normals: Vec<Vec3> =
-        (0..scene.triangles.len()).into_par_iter().map(|t| normal_of(&corners(&geometry, t))).collect();
+    let normals = scene.normals();
     let whole = clip(scene, &grid);
 
     let sides = sides_by_voxel(scene, &whole);
@@ -76,7 +74,7 @@ fn sides_by_voxel(scene: &Scene, fragments: &Fragments) -> Vec<(u64, u32)> {
 /// Counts fragments and the fragments of each mesh, and estimates the number of patches.
 pub fn count(scene: &Scene, grid: &Grid) -> (usize, usize, Vec<usize>) {
     let whole = clip(scene, grid);
-    let normals: Vec<Vec3> = (0..scene.triangles.len()).into_par_iter().map(|t| scene.normal(t)).collect();
+    let normals = scene.normals();
     let sides = sides_by_voxel(scene, &whole);
     let voxels: Vec<&[(u64, u32)]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
     let patches = voxels
