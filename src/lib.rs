@@ -69,8 +69,10 @@ pub mod trace;
 pub mod transfer;
 
 pub mod bake;
+pub mod compare;
 pub mod forecast;
 pub mod output;
+pub mod reference;
 
 pub use bake::bake;
 pub use error::{Error, Result};
