@@ -73,6 +73,10 @@ pub(super) struct Look {
     pub irradiance: Vec3,
 }
 
+impl Look {
+    const NOTHING: Look = Look { direction: Vec3::ZERO, t_max: 0.0, irradiance: Vec3::ZERO };
+}
+
 /// All lights of a scene.
 pub(super) struct Lamps {
     lamps: Vec<Lamp>,
@@ -146,11 +150,11 @@ impl Lamps {
         self.floating.is_some()
     }
 
-    /// Looks for light from `x` (off its surface) with unit normal `n`, by two random words. None if the lamp that was picked gives
-    /// nothing there.
+    /// Looks for light from `x` (off its surface) with unit normal `n`, by two random words. The irradiance is zero if the
+    /// lamp that was picked gives nothing there.
     #[inline]
-    pub fn look(&self, x: Vec3, n: Vec3, u: u32, v: u32) -> Option<Look> {
-        let (lamp, u) = self.pick.pick(u)?;
+    pub fn look(&self, x: Vec3, n: Vec3, u: u32, v: u32) -> Look {
+        let Some((lamp, u)) = self.pick.pick(u) else { return Look::NOTHING };
         let v = fraction(v);
         match &self.lamps[lamp as usize] {
             Lamp::Facet(f) => {
@@ -171,20 +175,19 @@ impl Lamps {
                 from_point(to_lamp, n, *range, t * t * *intensity)
             }
             Lamp::Sun { direction, irradiance } => {
-                let cos = -n.dot(*direction);
-                let irradiance = cos * *irradiance;
-                (cos > 0.0).then_some(Look { direction: -*direction, t_max: f32::INFINITY, irradiance })
+                let irradiance = (-n.dot(*direction)).max(0.0) * *irradiance;
+                Look { direction: -*direction, t_max: f32::INFINITY, irradiance }
             }
             Lamp::Map { map, pick } => {
                 let map = &self.maps[*map as usize];
                 let (direction, density) = map.sample(u, v);
                 let cos = n.dot(direction);
                 if cos <= 0.0 || density <= 0.0 {
-                    return None;
+                    return Look::NOTHING;
                 }
                 let k = pick * density * PI / cos;
                 let irradiance = PI * map.radiance(direction) * share(k);
-                Some(Look { direction, t_max: f32::INFINITY, irradiance })
+                Look { direction, t_max: f32::INFINITY, irradiance }
             }
         }
     }
@@ -278,7 +281,7 @@ impl Lamps {
 
 /// Overwrites ray `i`.
 #[inline]
-pub(super) fn set_ray(rays: &mut RayBatch, i: usize, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) {
+fn set_ray(rays: &mut RayBatch, i: usize, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) {
     (rays.origin_x[i], rays.origin_y[i], rays.origin_z[i]) = origin.into();
     (rays.direction_x[i], rays.direction_y[i], rays.direction_z[i]) = direction.into();
     (rays.t_min[i], rays.t_max[i]) = (t_min, t_max);
@@ -292,29 +295,25 @@ fn share(k: f32) -> f32 {
 impl Glow {
     /// A shadow ray along `d` to a point of a lamp with unit normal `m`.
     #[inline]
-    fn look(&self, d: Vec3, n: Vec3, m: Vec3) -> Option<Look> {
+    fn look(&self, d: Vec3, n: Vec3, m: Vec3) -> Look {
         let (here, there) = (n.dot(d), -m.dot(d));
-        if here <= 0.0 || there <= 0.0 {
-            return None;
-        }
         let r2 = d.length_squared();
         // 1 / k, which is small for all but the nearest lamps.
-        let inverse = (here * there / (self.density * r2 * r2)).min(1e18);
-        let irradiance = self.exitance * (inverse / (1.0 + inverse * inverse));
-        Some(Look { direction: d, t_max: 1.0, irradiance })
+        let inverse = (here.max(0.0) * there.max(0.0) / (self.density * r2 * r2)).min(1e18);
+        Look { direction: d, t_max: 1.0, irradiance: self.exitance * (inverse / (1.0 + inverse * inverse)) }
     }
 }
 
 /// cos / d^2 with the range window of KHR_lights_punctual. A light nearer than a ray's offset counts as that far.
-fn from_point(to_lamp: Vec3, n: Vec3, range: f32, intensity: Vec3) -> Option<Look> {
-    let cos = n.dot(to_lamp);
+fn from_point(to_lamp: Vec3, n: Vec3, range: f32, intensity: Vec3) -> Look {
+    let cos = n.dot(to_lamp).max(0.0);
     let d2 = to_lamp.length_squared();
-    if cos <= 0.0 || d2 == 0.0 {
-        return None;
+    if d2 == 0.0 {
+        return Look::NOTHING;
     }
     let window = (1.0 - (d2 / (range * range)).powi(2)).clamp(0.0, 1.0);
     let irradiance = window * cos / (d2.sqrt() * d2.max(RAY_OFFSET * RAY_OFFSET)) * intensity;
-    Some(Look { direction: to_lamp, t_max: 1.0, irradiance })
+    Look { direction: to_lamp, t_max: 1.0, irradiance }
 }
 
 fn is_light(colour: Vec3) -> bool {

@@ -3,11 +3,7 @@
 use glam::Vec3;
 
 use super::lamps::NO_LAMP;
-use crate::{
-    Scene,
-    scene::RAY_OFFSET,
-    trace::{Hit, RayBatch},
-};
+use crate::{Scene, scene::RAY_OFFSET, trace::Hit};
 
 /// Share of the way to the middle of its triangle that a hit is moved: more than rounding, so that a path that meets
 /// an inner edge does not go on behind the wall beside it.
@@ -75,14 +71,14 @@ impl<'a> Surfaces<'a> {
         (lamp != NO_LAMP).then(|| (lamp, surface.normal.dot(direction).abs()))
     }
 
-    /// The vertex of a path where ray `i` met a surface; none on the back of a one-sided one.
+    /// The vertex of a path where a ray met a surface; none on the back of a one-sided one.
     #[inline]
-    pub fn met(&self, hit: &Hit, rays: &RayBatch, i: usize) -> Option<Met> {
+    pub fn met(&self, hit: &Hit, origin: Vec3, direction: Vec3) -> Option<Met> {
         let surface = &self.of_triangle[hit.triangle()];
         if hit.is_back() && !surface.two_sided {
             return None;
         }
-        let near = rays.origin(i) + hit.t * rays.direction(i);
+        let near = origin + hit.t * direction;
         let near = near * (1.0 - INWARDS) + surface.pull;
         // Onto the plane, and off it to the side that was met: rounding of far hits is more than the offset.
         let side = if hit.is_back() { -1.0 } else { 1.0 };
