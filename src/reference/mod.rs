@@ -229,7 +229,8 @@ impl Tracing<'_> {
     fn round(&mut self, replicates: u32, each: u32) {
         let table = Table::new(each, crate::sampling::hash(&[self.seed, self.rounds]));
         let world = World { tracer: self.tracer, surfaces: &self.surfaces, lamps: &self.lamps, table: &table };
-        let per_batch = (BATCH / each as usize).max(1);
+        let bb: usize = std::env::var("BB").ok().map_or(BATCH, |s| s.parse().unwrap());
+        let per_batch = (bb / each as usize).max(1);
         let (walks, seed, round) = (&self.walks, self.seed, self.rounds);
         let mut lights = vec![Light::default(); self.sound.len().min(BLOCK) * replicates as usize];
         for (sound, sums) in self.sound.chunks(BLOCK).zip(self.sums.chunks_mut(BLOCK)) {

@@ -121,7 +121,7 @@ pub(super) struct Numbers<'a> {
 
 impl Numbers<'_> {
     /// A 32-bit fraction.
-    #[inline]
+    #[inline(always)]
     pub fn word(&self, path: &Identity, decision: Decision) -> u32 {
         let which = decision as u32;
         if self.bounce < 2 && which < 4 {

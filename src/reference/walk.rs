@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3A};
 
 use super::{
     lamps::{Crossing, Lamps},
@@ -56,11 +56,11 @@ pub(super) struct World<'a> {
 #[derive(Clone, Copy, Default)]
 struct Vertex {
     /// Where rays start.
-    origin: Vec3,
+    origin: Vec3A,
     /// Unit normal of the side that they leave.
-    normal: Vec3,
+    normal: Vec3A,
     /// What light that arrives here is worth at the receiver, at most 1.
-    weight: Vec3,
+    weight: Vec3A,
     path: Identity,
 }
 
@@ -113,7 +113,7 @@ pub(super) struct Walk {
     shadow: RayBatch,
     occluded: Vec<bool>,
     /// What an unblocked shadow ray brings, and to whom.
-    brought: Vec<(Vec3, u32)>,
+    brought: Vec<(Vec3A, u32)>,
     crossing: Crossing,
     tally: Tally,
 }
@@ -125,10 +125,11 @@ impl Walk {
         self.tally = Tally::default();
         self.here.begin(receivers.len() * world.table.len());
         for (slot, (point, shift)) in receivers.iter().zip(shifts).enumerate() {
-            let origin = point.position + RAY_OFFSET * point.normal;
+            let origin = (point.position + RAY_OFFSET * point.normal).into();
+            let normal = point.normal.into();
             for k in 0..world.table.len() as u32 {
                 let path = Identity { slot: slot as u32, sample: k, key: shift.key(k) };
-                self.here.push(Vertex { origin, normal: point.normal, weight: Vec3::ONE, path }, true);
+                self.here.push(Vertex { origin, normal, weight: Vec3A::ONE, path }, true);
             }
         }
         let mut numbers = Numbers { table: world.table, shifts, bounce: 0 };
@@ -146,6 +147,7 @@ impl Walk {
     }
 
     /// Shadow rays from all vertices.
+
     fn look(&mut self, world: &World, numbers: &Numbers) {
         let n = self.here.going + self.here.ending;
         self.shadow.resize(n);
@@ -157,19 +159,22 @@ impl Walk {
             .map(|v| &mut v[..n]);
         let (t_max, brought) = (&mut self.shadow.t_max[..n], &mut self.brought[..n]);
         let mut m = 0;
-        for vertex in self.here.going().iter().chain(self.here.ending()) {
-            if m >= n {
-                break;
+        for vertices in [self.here.going(), self.here.ending()] {
+            for vertex in vertices {
+                if m >= n {
+                    break;
+                }
+                let u = numbers.word(&vertex.path, Decision::Lamp);
+                let v = numbers.word(&vertex.path, Decision::LampToo);
+                let look = world.lamps.look(vertex.origin, vertex.normal, u, v);
+                let light = vertex.weight * look.irradiance;
+                (ox[m], oy[m], oz[m]) = vertex.origin.into();
+                (dx[m], dy[m], dz[m]) = look.direction.into();
+                t_max[m] = look.t_max;
+                brought[m] = (light, vertex.path.slot);
+                // The next one takes the place of a ray that brings nothing.
+                m += (light.max_element() > 0.0) as usize;
             }
-            let [u, v] = [Decision::Lamp, Decision::LampToo].map(|d| numbers.word(&vertex.path, d));
-            let look = world.lamps.look(vertex.origin, vertex.normal, u, v);
-            let light = vertex.weight * look.irradiance;
-            (ox[m], oy[m], oz[m]) = vertex.origin.into();
-            (dx[m], dy[m], dz[m]) = look.direction.into();
-            t_max[m] = look.t_max;
-            brought[m] = (light, vertex.path.slot);
-            // The next one takes the place of a ray that brings nothing.
-            m += (light.max_element() > 0.0) as usize;
         }
         self.shadow.resize(m);
         self.brought.truncate(m);
@@ -249,7 +254,7 @@ impl Walk {
         let [dx, dy, dz] = [&rays.direction_x, &rays.direction_y, &rays.direction_z].map(|v| &v[..n]);
         let hits = &self.hits[..n];
         for (i, vertex) in paths.iter().enumerate() {
-            let (hit, direction) = (&hits[i], Vec3::new(dx[i], dy[i], dz[i]));
+            let (hit, direction) = (&hits[i], Vec3A::new(dx[i], dy[i], dz[i]));
             if !hit.is_hit() {
                 self.tally.escaped += 1;
                 if sky {
@@ -262,7 +267,7 @@ impl Walk {
                 let brought = vertex.weight * world.lamps.met(lamp, hit.t, direction, facing);
                 add(&mut light[vertex.path.slot as usize], first, brought.as_dvec3());
             }
-            let Some(met) = world.surfaces.met(hit, Vec3::new(ox[i], oy[i], oz[i]), direction) else {
+            let Some(met) = world.surfaces.met(hit, Vec3A::new(ox[i], oy[i], oz[i]), direction) else {
                 self.tally.hidden += 1;
                 continue;
             };
