@@ -112,6 +112,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         smooth: secondary.smooth,
         index,
         normals: scene.normals(),
+        two_sided: scene.triangles.iter().map(|t| t.two_sided).collect(),
         tracer,
         face_tracer,
     };

@@ -96,8 +96,7 @@ pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Re
 fn energy(bake: &Bake, lamps: &LampPower, scale: f64) -> Energy {
     let (patches, f, light) = (bake.patches(), &bake.form_factors, &bake.light);
     let world = |power: [f64; 3]| power.map(|p| p * scale * scale);
-    let mut energy =
-        Energy { emitted: world(lamps.emitted), missed: world(lamps.missed), ..Energy::default() };
+    let mut energy = Energy { emitted: world(lamps.emitted), missed: world(lamps.missed), ..Energy::default() };
     for i in 0..patches.len() {
         let area = patches.area[i] as f64 * (1.0 - f.hidden(i)) * scale * scale;
         for c in 0..3 {
