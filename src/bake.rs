@@ -2,13 +2,14 @@
 
 use crate::{
     BakeOptions, Error, Result, Scene, forecast,
-    light::LightSet,
+    light::{LampPower, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
     reconstruct::PatchIndex,
     report::Report,
     simplify::{self, Grid},
-    trace, transfer,
+    trace::{self, Hit},
+    transfer,
 };
 
 mod exchange;
@@ -47,13 +48,15 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
     clock.stop("simplify");
 
+    let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
+    let lamps = LampPower::new(&lights, &*tracer, inside, options.seed);
     let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
     let exchange = Exchange { simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
     let (direct, mut visibility) = exchange.direct();
     clock.stop("direct");
 
     let rows_tracer = face_tracer.as_deref().unwrap_or(&*tracer);
-    let lit = exchange.lit(&direct);
+    let mut lit = exchange.lit(&direct);
     if !lit.contains(&true) {
         return Err(Error::Scene(format!(
             "scene \"{}\": no light reaches any surface; do the lights lie inside objects, or do lamps and walls turn \
@@ -62,15 +65,25 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         )));
     }
     let all = !options.skip_unreached;
-    let estimate = transfer::estimate(&simplified, rows_tracer, &lit, all, options.rays, options.seed, progress);
-    let rows_seconds = clock.stop("form factors");
-
-    let primary = exchange.primary(direct, &estimate.form_factors);
-    let (bright, rays) = exchange.bright(&primary, &estimate);
-    visibility += rays;
-    if rays > 0 {
-        clock.stop("bright patches");
-    }
+    let (mut row_rays, mut rows_seconds) = (0, 0.0);
+    let (estimate, primary, bright) = loop {
+        let estimate = transfer::estimate(&simplified, rows_tracer, &lit, all, options.rays, options.seed, progress);
+        row_rays += estimate.rays;
+        rows_seconds += clock.stop("form factors");
+        let primary = exchange.primary(&direct, &estimate.form_factors);
+        let bright = exchange.bright(&primary, &estimate);
+        if let Some(bright) = &bright {
+            visibility += bright.rays;
+            clock.stop("bright patches");
+            // What only bright patches light needs rows too.
+            if exchange.light_more(bright, &primary, &estimate, &mut lit) {
+                continue;
+            }
+        }
+        let f = &estimate.form_factors;
+        let bright = bright.filter(|bright| exchange.is_balanced(bright, &primary, f));
+        break (estimate, primary, bright);
+    };
     let (secondary, solution) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
     let light = PatchLight {
         direct: primary.direct,
@@ -99,13 +112,14 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         smooth: secondary.smooth,
         index,
         normals: scene.normals(),
+        two_sided: scene.triangles.iter().map(|t| t.two_sided).collect(),
         tracer,
         face_tracer,
     };
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices");
 
-    let work = Work { solution, row_rays: estimate.rays, visibility, rows_seconds };
+    let work = Work { solution, row_rays, visibility, rows_seconds, lamps };
     bake.report = measure::report(scene, &bake, work, clock);
     Ok(bake)
 }

@@ -83,6 +83,11 @@ pub struct Rays {
 /// Balance of power per RGB channel, W.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Energy {
+    /// Power that the lamps emit, in closed form; suns and skies, whose power has no bound, are not in it.
+    pub emitted: [f64; 3],
+    /// Power of the lamps that no surface receives: it leaves the scene, goes into objects, or ends with the lamp's
+    /// range. By 65,536 rays from the lamps.
+    pub missed: [f64; 3],
     /// Power that the lights send onto surfaces, as received directly.
     pub direct: [f64; 3],
     /// Power that surfaces absorb.
@@ -91,6 +96,8 @@ pub struct Energy {
     pub escaped: [f64; 3],
     /// direct - absorbed - escaped, as a share of direct.
     pub imbalance: [f64; 3],
+    /// emitted - missed - absorbed - escaped, as a share of emitted; `None` where suns or skies light the scene too.
+    pub unaccounted: Option<[f64; 3]>,
 }
 
 /// Statistics of row sums.

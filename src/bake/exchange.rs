@@ -39,6 +39,8 @@ pub(super) struct Sent {
     pub patches: Bright,
     /// The irradiance that they give to every patch, W/m2.
     pub received: Vec<Vec3>,
+    /// Shadow rays that it took.
+    pub rays: u64,
 }
 
 /// Light after the first reflection.
@@ -55,6 +57,8 @@ pub(super) struct Secondary {
 const PATCH_POINTS: usize = 1 << 19;
 /// Shadow rays whose power balance is off by more than this share are not used: rows are noisier, but balanced.
 const MOST_GAIN: f64 = 0.02;
+/// Share of the bright patches' power that may be lost on patches without rows.
+const MOST_LOST: f64 = 1e-4;
 /// A patch that is all but hidden is not trusted with more than this factor.
 const LEAST_SEEN: f32 = 0.05;
 
@@ -72,7 +76,8 @@ impl Exchange<'_> {
     }
 
     /// Primary light of the visible parts of the patches.
-    pub fn primary(&self, mut direct: Vec<Vec3>, f: &FormFactors) -> PrimaryLight {
+    pub fn primary(&self, direct: &[Vec3], f: &FormFactors) -> PrimaryLight {
+        let mut direct = direct.to_vec();
         visible_part(&mut direct, f);
         let patches = &self.simplified.patches;
         let glow = (self.options.primary == Primary::Radiosity).then(|| {
@@ -87,32 +92,48 @@ impl Exchange<'_> {
         PrimaryLight { direct, glow, source }
     }
 
-    /// The bright patches, if any, with what they send; and the shadow rays it took. None where shadow rays and form
-    /// factors disagree on how much light arrives.
-    pub fn bright(&self, primary: &PrimaryLight, estimate: &Estimate) -> (Option<Sent>, u64) {
+    /// The bright patches, if any, with what they send.
+    pub fn bright(&self, primary: &PrimaryLight, estimate: &Estimate) -> Option<Sent> {
         if self.options.patches == PatchSource::Faces {
-            return (None, 0);
+            return None;
         }
-        let Some(patches) = Bright::choose(self.simplified, &primary.source, &estimate.reached) else {
-            return (None, 0);
-        };
+        let patches = Bright::choose(self.simplified, &primary.source, &estimate.reached)?;
         let (mut received, rays) = self.sampled(&patches.lights);
         visible_part(&mut received, &estimate.form_factors);
-        let sent = Sent { patches, received };
-        let sound = (self.gain(primary, &sent, &estimate.form_factors) - 1.0).abs() < MOST_GAIN;
-        (sound.then_some(sent), rays)
+        Some(Sent { patches, received, rays })
     }
 
-    /// Power that arrives by shadow rays, as a share of what the bright patches send and does not escape.
-    fn gain(&self, primary: &PrimaryLight, sent: &Sent, f: &FormFactors) -> f64 {
-        let area = |i: usize| self.simplified.patches.area[i] as f64 * (1.0 - f.hidden(i));
-        let power = |i: u32| {
-            let i = i as usize;
-            area(i) * primary.source[i].iter().sum::<f64>() * (1.0 - f.escape(i))
-        };
+    /// Adds to `lit` the patches that only bright ones light, whose few rays missed them; false if they get next to
+    /// nothing, so that it is not worth new rows.
+    pub fn light_more(&self, sent: &Sent, primary: &PrimaryLight, estimate: &Estimate, lit: &mut [bool]) -> bool {
+        let f = &estimate.form_factors;
+        let dark = |i: usize| !lit[i] && !f.has_row(i) && estimate.visible[i] && sent.received[i] != Vec3::ZERO;
+        let more: Vec<usize> = (0..lit.len()).filter(|&i| dark(i)).collect();
+        let lost: f64 = more.iter().map(|&i| self.received(sent, f, i)).sum();
+        more.iter().for_each(|&i| lit[i] = true);
+        lost > MOST_LOST * self.sent(sent, primary, f)
+    }
+
+    /// Whether as much power arrives by shadow rays as the bright patches send and does not escape.
+    pub fn is_balanced(&self, sent: &Sent, primary: &PrimaryLight, f: &FormFactors) -> bool {
         let arriving = (0..sent.received.len()).filter(|&i| f.has_row(i));
-        let arriving: f64 = arriving.map(|i| area(i) * sent.received[i].element_sum() as f64).sum();
-        arriving / sent.patches.patches.iter().map(|&i| power(i)).sum::<f64>()
+        let arriving: f64 = arriving.map(|i| self.received(sent, f, i)).sum();
+        (arriving / self.sent(sent, primary, f) - 1.0).abs() < MOST_GAIN
+    }
+
+    /// Power that patch `i` gets from the bright ones, all channels.
+    fn received(&self, sent: &Sent, f: &FormFactors, i: usize) -> f64 {
+        self.seen_area(f, i) * sent.received[i].element_sum() as f64
+    }
+
+    /// Power that the bright patches send and that does not escape, all channels.
+    fn sent(&self, sent: &Sent, primary: &PrimaryLight, f: &FormFactors) -> f64 {
+        let of = |i: usize| self.seen_area(f, i) * primary.source[i].iter().sum::<f64>() * (1.0 - f.escape(i));
+        sent.patches.patches.iter().map(|&i| of(i as usize)).sum()
+    }
+
+    fn seen_area(&self, f: &FormFactors, i: usize) -> f64 {
+        self.simplified.patches.area[i] as f64 * (1.0 - f.hidden(i))
     }
 
     /// Solves for the light that goes on by form factors.

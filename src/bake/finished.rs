@@ -67,6 +67,8 @@ pub struct Bake {
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
+    /// Which of the scene's triangles receive light on both sides.
+    pub(super) two_sided: Vec<bool>,
     pub(super) tracer: Box<dyn RayTracer>,
     /// Tracer of the voxel faces, where they are the patches.
     pub(super) face_tracer: Option<Box<dyn RayTracer>>,
@@ -146,6 +148,7 @@ impl Bake {
             known: &self.light.known,
             tracer: &*self.tracer,
             normals: &self.normals,
+            two_sided: &self.two_sided,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
         };
         reconstruct::interpolate(&field, self.options.reconstruct, points)

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use crate::{
     Scene,
+    light::LampPower,
     report::{Counts, Energy, Rays, Report, RowSums, Skipped, Solver, Stage},
     solve::Solution,
     transfer::FormFactors,
@@ -22,10 +23,13 @@ impl Clock {
         Clock { last: Instant::now(), stages: Vec::new() }
     }
 
-    /// Ends a stage; its seconds.
+    /// Ends a stage, or a part of it; its seconds.
     pub fn stop(&mut self, name: &'static str) -> f64 {
         let seconds = self.last.elapsed().as_secs_f64();
-        self.stages.push(Stage { name, seconds });
+        match self.stages.iter_mut().find(|stage| stage.name == name) {
+            Some(stage) => stage.seconds += seconds,
+            None => self.stages.push(Stage { name, seconds }),
+        }
         self.last = Instant::now();
         seconds
     }
@@ -38,6 +42,8 @@ pub(super) struct Work {
     /// Shadow rays to patches.
     pub visibility: u64,
     pub rows_seconds: f64,
+    /// Power of the lamps, W / scale^2.
+    pub lamps: LampPower,
 }
 
 /// Measures a finished bake.
@@ -77,7 +83,7 @@ pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Re
             form_factor_mrays_per_second: work.row_rays as f64 / work.rows_seconds * 1e-6,
             visibility: work.visibility,
         },
-        energy: energy(bake, scene.frame.scale),
+        energy: energy(bake, &work.lamps, scene.frame.scale),
         row_sums: row_sums(f),
         solver: Solver { method: "bicgstab", iterations: work.solution.iterations, residual: work.solution.residual },
         skipped,
@@ -87,9 +93,10 @@ pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Re
 }
 
 /// Balance of power over the visible surfaces, in world units.
-fn energy(bake: &Bake, scale: f64) -> Energy {
+fn energy(bake: &Bake, lamps: &LampPower, scale: f64) -> Energy {
     let (patches, f, light) = (bake.patches(), &bake.form_factors, &bake.light);
-    let mut energy = Energy::default();
+    let world = |power: [f64; 3]| power.map(|p| p * scale * scale);
+    let mut energy = Energy { emitted: world(lamps.emitted), missed: world(lamps.missed), ..Energy::default() };
     for i in 0..patches.len() {
         let area = patches.area[i] as f64 * (1.0 - f.hidden(i)) * scale * scale;
         for c in 0..3 {
@@ -103,6 +110,11 @@ fn energy(bake: &Bake, scale: f64) -> Energy {
         let balance = energy.direct[c] - energy.absorbed[c] - energy.escaped[c];
         energy.imbalance[c] = if energy.direct[c] > 0.0 { balance / energy.direct[c] } else { 0.0 };
     }
+    let lost = |c: usize| {
+        let balance = energy.emitted[c] - energy.missed[c] - energy.absorbed[c] - energy.escaped[c];
+        if energy.emitted[c] > 0.0 { balance / energy.emitted[c] } else { 0.0 }
+    };
+    energy.unaccounted = (!bake.lights.has_unbounded()).then(|| std::array::from_fn(lost));
     energy
 }
 

@@ -92,9 +92,13 @@ impl Polygon {
     }
 
     /// Signed distance of `x` from the polygon's plane if light leaves towards it, else 0.
+    ///
+    /// Rays leave a surface from [`RAY_OFFSET`] above it. What touches it, nearer than that, is no receiver: rays
+    /// pass it from either side, so its light is counted at what lies beyond.
     pub fn front_distance(&self, x: Vec3) -> f64 {
         let height = self.normal.as_dvec3().dot(x.as_dvec3() - self.corners[0].as_dvec3());
-        if height > 0.0 || self.both_sides { height } else { 0.0 }
+        let reached = if self.both_sides { height.abs() } else { height };
+        if reached > RAY_OFFSET as f64 { height } else { 0.0 }
     }
 }
 
@@ -150,6 +154,14 @@ impl Lamp {
         }
     }
 
+    /// The share of its light that is left at this distance: less than all within the range of a point or spot.
+    pub fn window(&self, distance: f64) -> f64 {
+        match self.shape {
+            Shape::Point { range, .. } | Shape::Spot { range, .. } => window(distance * distance, range),
+            _ => 1.0,
+        }
+    }
+
     /// Irradiance at `x` by unit colour if nothing stood between. Finite, not negative.
     pub fn unshadowed(&self, x: &SurfacePoint) -> f64 {
         let normal = x.normal.as_dvec3();
@@ -170,7 +182,8 @@ impl Lamp {
             }
             Shape::Disc { centre, normal: axis, radius } => {
                 let centre = centre.as_dvec3() - x.position.as_dvec3();
-                if centre.dot(axis.as_dvec3()) >= 0.0 {
+                // As of `Polygon::front_distance`.
+                if -centre.dot(axis.as_dvec3()) <= RAY_OFFSET as f64 {
                     return 0.0;
                 }
                 form::disc(centre, axis.as_dvec3(), *radius as f64, normal)
@@ -227,15 +240,19 @@ impl Lamp {
     }
 }
 
-/// cos / d^2 with the range window of KHR_lights_punctual. A light nearer than a ray's offset counts as that far.
+/// The range window of KHR_lights_punctual at a squared distance.
+fn window(d2: f64, range: f32) -> f64 {
+    (1.0 - (d2 / (range as f64).powi(2)).powi(2)).clamp(0.0, 1.0)
+}
+
+/// cos / d^2 with the range window. A light nearer than a ray's offset counts as that far.
 fn from_point(to_light: DVec3, normal: DVec3, range: f32) -> f64 {
     let d2 = to_light.length_squared();
     let nearest = (RAY_OFFSET as f64).powi(2);
-    let window = (1.0 - (d2 / (range as f64).powi(2)).powi(2)).clamp(0.0, 1.0);
     if d2 < nearest * 1e-6 {
         return 0.0;
     }
-    window * normal.dot(to_light).max(0.0) / (d2.sqrt() * d2.max(nearest))
+    window(d2, range) * normal.dot(to_light).max(0.0) / (d2.sqrt() * d2.max(nearest))
 }
 
 /// Angular fall-off of KHR_lights_punctual.

@@ -17,6 +17,7 @@ mod estimate;
 mod form;
 mod lamp;
 mod numbers;
+mod power;
 mod sky;
 mod spherical;
 mod tree;
@@ -24,6 +25,7 @@ mod tree;
 pub use bright::Bright;
 pub use estimate::irradiance;
 use lamp::{Lamp, Polygon, Shape};
+pub use power::LampPower;
 use sky::{Map, Sky};
 use tree::Tree;
 
@@ -101,6 +103,11 @@ impl LightSet {
     /// Whether [`LightSet::sky_radiance`] is anything but black.
     pub fn has_sky(&self) -> bool {
         self.sky.is_lit()
+    }
+
+    /// Whether there are suns or a sky, whose power has no bound.
+    pub fn has_unbounded(&self) -> bool {
+        !self.suns.is_empty() || self.has_sky()
     }
 
     /// Without emissive surfaces: for when emitting triangles are senders of the radiosity system themselves.

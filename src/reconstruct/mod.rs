@@ -32,6 +32,8 @@ pub struct Field<'a> {
     pub tracer: &'a dyn RayTracer,
     /// Unit normals of the triangles that `tracer` holds.
     pub normals: &'a [Vec3],
+    /// Which of them receive light on both sides.
+    pub two_sided: &'a [bool],
     /// Cosine of the largest angle between the normals of a point and a patch.
     pub cos_threshold: f32,
 }

@@ -6,7 +6,7 @@ use super::{Field, nearest4};
 use crate::{
     sampling,
     scene::SurfacePoint,
-    simplify::UNLIKE,
+    simplify::{LIFT, UNLIKE, clear_heights},
     trace::{Hit, RayBatch},
 };
 
@@ -18,8 +18,6 @@ const DUST: f32 = 0.05;
 const STEP: f32 = 0.25;
 /// Most neighbours of a point: those of the largest weight. A plane has 7 to 9 within the radius.
 const MOST: usize = 16;
-/// Height, in voxels, at which points look for each other.
-const LIFT: f32 = 0.02;
 
 /// A patch near a point.
 #[derive(Clone, Copy)]
@@ -88,16 +86,19 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
 }
 
 /// Takes the weight from neighbours that the point does not see. Surfaces that face like the point do not block, or
-/// convex surfaces would hide their own.
+/// convex surfaces would hide their own. Rays go upwards: what parts two layers then turns its underside to them.
 fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, neighbours: &mut [Neighbour]) {
     let patches = field.patches();
     let mut rays = RayBatch::with_capacity(neighbours.len());
+    let heights = clear_heights(field.tracer, points.iter().map(|p| (p.position, p.normal)), LIFT * h);
     let mut begin = 0;
-    for (point, &end) in points.iter().zip(ends) {
-        let from = point.position + LIFT * h * point.normal;
+    for ((point, &end), height) in points.iter().zip(ends).zip(heights) {
+        let from = point.position + height * point.normal;
         for n in &neighbours[begin..end] {
-            let j = n.patch as usize;
-            rays.push(from, patches.centroid[j] + LIFT * h * patches.normal[j] - from, 0.0, 1.0);
+            let eye = patches.eye[n.patch as usize];
+            let rises = (eye - from).dot(point.normal + patches.normal[n.patch as usize]) >= 0.0;
+            let (low, high) = if rises { (from, eye) } else { (eye, from) };
+            rays.push(low, high - low, 0.0, 1.0);
         }
         begin = end;
     }
@@ -106,7 +107,15 @@ fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, n
     let mut begin = 0;
     for (point, &end) in points.iter().zip(ends) {
         for k in begin..end {
-            let blocks = |h: &Hit| h.is_hit() && field.normals[h.triangle()].dot(point.normal).abs() < UNLIKE;
+            let blocks = |h: &Hit| {
+                if !h.is_hit() {
+                    return false;
+                }
+                let along = field.normals[h.triangle()].dot(point.normal);
+                // From inside of an object its surface says nothing.
+                let underside = if h.is_back() { field.two_sided[h.triangle()] && along > 0.0 } else { along < 0.0 };
+                underside || along.abs() < UNLIKE
+            };
             if blocks(&hits[k]) {
                 neighbours[k].weight = 0.0;
             }

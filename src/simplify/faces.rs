@@ -47,7 +47,7 @@ pub fn faces(scene: &Scene, grid: Grid, rule: FaceColour) -> Simplified {
             }
         }
     }
-    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours);
+    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours, grid.voxel_size as f32);
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
 }

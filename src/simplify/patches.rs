@@ -5,7 +5,9 @@ use rayon::prelude::*;
 
 use super::{
     clip::{Fragments, NO_PATCH, point_at, uv_centroid},
-    corners, normal_of,
+    corners,
+    layers::LIFT,
+    normal_of,
 };
 use crate::{Scene, trace::Geometry};
 
@@ -16,6 +18,8 @@ pub struct Patches {
     pub area: Vec<f32>,
     /// Area-weighted mean position.
     pub centroid: Vec<Vec3>,
+    /// Where rays to other points of the same surface start: slightly above it, near the centroid.
+    pub eye: Vec<Vec3>,
     /// Unit mean normal.
     pub normal: Vec<Vec3>,
     /// Mean albedo.
@@ -46,12 +50,13 @@ impl Patches {
         &self.members[self.start[i] as usize..self.start[i + 1] as usize]
     }
 
-    /// Makes patches of groups of members and their colours, and tells the fragments.
+    /// Makes patches of groups of members and their colours, and tells the fragments. Eyes stand above the centroids.
     pub(super) fn of_groups(
         geometry: &Geometry,
         fragments: &mut Fragments,
         groups: &[Vec<u32>],
         colours: &[Colour],
+        voxel_size: f32,
     ) -> Patches {
         let mut patches = Patches { start: vec![0], ..Patches::default() };
         for (i, group) in groups.iter().enumerate() {
@@ -68,6 +73,8 @@ impl Patches {
         patches.area = shapes.iter().map(|s| s.0 as f32).collect();
         patches.centroid = shapes.iter().map(|s| s.1.as_vec3()).collect();
         patches.normal = shapes.iter().map(|s| s.2.as_vec3()).collect();
+        let lifted = |(p, n): (&Vec3, &Vec3)| p + LIFT * voxel_size * n;
+        patches.eye = patches.centroid.iter().zip(&patches.normal).map(lifted).collect();
         patches.albedo = colours.iter().map(|c| c.albedo).collect();
         patches.emitted = colours.iter().map(|c| c.emitted).collect();
         patches

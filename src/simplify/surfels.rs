@@ -3,7 +3,9 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Fragments, Grid, HitMap, Patches, Simplified, clip, patches::mean_colour, straddle::separate};
+use super::{
+    Fragments, Grid, HitMap, Patches, Simplified, clip, layers::Surfaces, patches::mean_colour, straddle::separate,
+};
 use crate::{Scene, trace::RayTracer};
 
 /// Largest cosine between the normals of surfaces that count as unlike: only they hide points of one surface from each
@@ -26,7 +28,8 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
         .map(|voxel| {
             let members: Vec<u32> = voxel.iter().map(|s| s.1).collect();
             let normal = |m: u32| side_normal(&normals, &whole, m);
-            let clusters = cluster(&members, normal);
+            let surfaces = Surfaces { geometry: &geometry, normals: &normals, fragments: &whole, tracer };
+            let clusters = cluster(&members, normal).into_iter().flat_map(|c| surfaces.layers(c)).collect();
             separate(&geometry, &normals, &whole, clusters, grid.voxel_size as f32, tracer)
         })
         .collect();
@@ -53,7 +56,14 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
         .collect();
 
     let colours: Vec<_> = groups.par_iter().map(|group| mean_colour(scene, &fragments, group)).collect();
-    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours);
+    let h = grid.voxel_size as f32;
+    let mut patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours, h);
+    let surfaces = Surfaces { geometry: &geometry, normals: &normals, fragments: &fragments, tracer };
+    patches.eye = (0..patches.len())
+        .collect::<Vec<_>>()
+        .par_chunks(1024)
+        .flat_map_iter(|chunk| surfaces.eyes(chunk.iter().map(|&i| (patches.centroid[i], patches.members(i))), h))
+        .collect();
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
 }

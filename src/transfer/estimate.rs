@@ -45,7 +45,8 @@ const CHUNK: usize = 64;
 /// `all`, every row is cast.
 ///
 /// F_ij = hits_j / valid rays; Sobol-Owen points (see [`PointSets`]), `rays` a patch, a power of two. Rays that meet
-/// the back of a one-sided surface started hidden and are dropped.
+/// the back of a one-sided surface started hidden and are dropped; unless they started in the open, beside the back of
+/// a sheet, which lets no light out.
 ///
 /// # Accuracy
 /// The standard error of F_ij is at most sqrt(F (1 - F) / rays). Same seed, same bits, on any number of threads.
@@ -261,7 +262,7 @@ impl Caster<'_> {
     }
 
     fn count(&self, i: u32, s: &mut Scratch, block: &mut Block) {
-        let Scratch { hits, patches, tally, .. } = s;
+        let Scratch { hits, patches, tally, rays, .. } = s;
         let n = self.simplified.patches.len() as u32;
         let (escaped, hidden) = (n, n + 1);
         // Looking all up before counting any lets the processor overlap the loads.
@@ -271,11 +272,35 @@ impl Caster<'_> {
                 if hit.is_hit() { self.simplified.hit_map.patch(&self.simplified.fragments, hit) } else { escaped };
             patch.min(hidden)
         }));
+        if patches.contains(&hidden) {
+            let free = self.beside_backs(i, rays, |k| patches[k] == hidden);
+            free.into_iter().for_each(|k| patches[k] = escaped);
+        }
         patches.iter().for_each(|&j| tally.add(j));
         let (escaped, hidden) = (tally.take(escaped), tally.take(hidden));
         let mut row = block.row();
         tally.drain(|j, count| row.add(j, count));
         row.finish(Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
+    }
+
+    /// Of the rays of patch `i` that met backs, `met`, those that started in the open, beside a sheet: two of their
+    /// three quarter turns about the patch's normal meet no back. Inside and behind solids nearly all do.
+    fn beside_backs(&self, i: u32, rays: &RayBatch, met: impl Fn(usize) -> bool) -> Vec<usize> {
+        let normal = self.simplified.patches.normal[i as usize];
+        let doubtful: Vec<usize> = (0..rays.len()).filter(|&k| met(k)).collect();
+        let mut turned = RayBatch::with_capacity(3 * doubtful.len());
+        for &k in &doubtful {
+            let d = rays.direction(k);
+            let up = d.dot(normal) * normal;
+            let (along, across) = (d - up, normal.cross(d));
+            for turn in [across, -along, -across] {
+                turned.push(rays.origin(k), up + turn, 0.0, f32::INFINITY);
+            }
+        }
+        let mut hits = vec![Hit::NONE; turned.len()];
+        self.tracer.closest_hits(&turned, &mut hits);
+        let open = |hits: &[Hit]| hits.iter().filter(|h| !h.is_hit() || self.patch(h).is_some_and(|j| j != i)).count();
+        doubtful.into_iter().zip(hits.chunks_exact(3)).filter(|(_, hits)| open(hits) >= 2).map(|(k, _)| k).collect()
     }
 
     fn take(&self) -> Scratch {

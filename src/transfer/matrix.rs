@@ -13,7 +13,7 @@ pub struct FormFactors {
     bytes: Vec<u8>,
     /// Rays of each row that count.
     valid: Vec<u32>,
-    /// Rays of each row that left the scene; they are among the valid ones.
+    /// Rays of each row that left the scene, or met the back of a one-sided sheet; they are among the valid ones.
     escaped: Vec<u32>,
     /// Rays of each row that started hidden, inside or behind objects; they do not count.
     hidden: Vec<u32>,
@@ -32,7 +32,7 @@ pub struct Row {
     pub patch: u32,
     /// Rays that count.
     pub valid: u32,
-    /// Of these, rays that left the scene.
+    /// Of these, rays that left the scene or met the back of a one-sided sheet.
     pub escaped: u32,
     /// Rays that started hidden.
     pub hidden: u32,
