@@ -97,6 +97,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         bright: bright.map(|b| b.patches.lights),
         glow: primary.glow,
         smooth: secondary.smooth,
+        unsent: secondary.unsent,
         index,
         normals: scene.normals(),
         tracer,
@@ -120,6 +121,9 @@ fn check(scene: &Scene, options: &BakeOptions) -> Result<()> {
     }
     if !(1..=65536).contains(&options.point_samples) || !(1..=65536).contains(&options.patch_samples) {
         return wrong("shadow samples must be from 1 to 65536".into());
+    }
+    if !(16..=65536).contains(&options.gather_rays) {
+        return wrong(format!("{} gather rays: they must be from 16 to 65536", options.gather_rays));
     }
     if !(options.tolerance > 0.0 && options.tolerance < 1.0) {
         return wrong(format!("tolerance {} is not between 0 and 1", options.tolerance));

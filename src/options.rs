@@ -30,6 +30,10 @@ pub enum Reconstruct {
     Smooth,
     /// The paper's four nearest patches, weighted by inverse distance.
     Nearest4,
+    /// Final gather: every point asks the patches that it sees, by rays of its own.
+    Gather,
+    /// `Smooth`, and `Gather` at the points where the patches nearby do not agree on the light.
+    Adaptive,
 }
 
 /// How primary light enters.
@@ -77,6 +81,8 @@ pub struct BakeOptions {
     pub rays: u32,
     /// Interpolation to vertices and points.
     pub reconstruct: Reconstruct,
+    /// Rays of a point that gathers, 16 ..= 65536.
+    pub gather_rays: u32,
     /// Treatment of primary light.
     pub primary: Primary,
     /// Ray tracer.
@@ -104,6 +110,7 @@ impl Default for BakeOptions {
             patches: PatchSource::Surfels,
             rays: 256,
             reconstruct: Reconstruct::Smooth,
+            gather_rays: 1024,
             primary: Primary::Direct,
             backend: Backend::Auto,
             face_colour: FaceColour::Normalised,

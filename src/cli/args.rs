@@ -42,10 +42,12 @@ struct Settings {
     /// Form-factor rays a patch, a power of two from 16 to 65536 [default: 256]
     #[arg(long, value_name = "N", value_parser = parse::rays, allow_hyphen_values = true)]
     rays: Option<u32>,
-    /// How patch light is carried to vertices and points: local least squares, or the paper's four nearest patches
-    /// [default: smooth]
+    /// How patch light is carried to vertices and points [default: smooth]
     #[arg(long, value_enum)]
     reconstruct: Option<Interpolation>,
+    /// Rays of a vertex or point that gathers, 16 to 65536 [default: 1024]
+    #[arg(long, value_name = "N", value_parser = parse::gather_rays, allow_hyphen_values = true)]
+    gather_rays: Option<u32>,
     /// How primary light enters: sampled at patches and vertices, or as patches of the radiosity system
     /// [default: direct]
     #[arg(long, value_enum)]
@@ -160,6 +162,7 @@ impl BakeArgs {
             patches: s.patches.map_or(base.patches, Into::into),
             rays: s.rays.unwrap_or(base.rays),
             reconstruct: s.reconstruct.map_or(base.reconstruct, Into::into),
+            gather_rays: s.gather_rays.unwrap_or(base.gather_rays),
             primary: s.primary.map_or(base.primary, Into::into),
             backend: s.backend.map_or(base.backend, Into::into),
             face_colour: s.face_colour.map_or(base.face_colour, Into::into),
@@ -210,6 +213,10 @@ choice!(Interpolation for Reconstruct {
     Smooth,
     /// The paper's four nearest patches by inverse distance
     Nearest4,
+    /// Final gather: rays of every point ask the patches that it sees
+    Gather,
+    /// Smooth, and gather where the patches nearby do not agree on the light
+    Adaptive,
 });
 choice!(PrimaryLight for Primary {
     /// Sampled at patches and vertices

@@ -36,6 +36,8 @@ pub struct FileSettings {
     pub rays: Option<u32>,
     /// See [`BakeOptions::reconstruct`].
     pub reconstruct: Option<Reconstruct>,
+    /// See [`BakeOptions::gather_rays`].
+    pub gather_rays: Option<u32>,
     /// See [`BakeOptions::primary`].
     pub primary: Option<Primary>,
     /// See [`BakeOptions::backend`].
@@ -72,6 +74,7 @@ impl FileSettings {
         set(&mut options.patches, self.patches);
         set(&mut options.rays, self.rays);
         set(&mut options.reconstruct, self.reconstruct);
+        set(&mut options.gather_rays, self.gather_rays);
         set(&mut options.primary, self.primary);
         set(&mut options.backend, self.backend);
         set(&mut options.face_colour, self.face_colour);
