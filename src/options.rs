@@ -20,6 +20,12 @@ pub enum PatchSource {
     Surfels,
     /// The paper's method to the letter: equal square voxel faces.
     Faces,
+    /// Triangles of the scene's mesh, simplified by edge collapse.
+    Decimated,
+    /// Triangles of the scene's mesh, simplified by vertex clustering.
+    Clustered,
+    /// Triangles of [`Scene::proxy`](crate::Scene::proxy), a hand-made simplified mesh.
+    Proxy,
 }
 
 /// How patch light is carried to vertices and points.
@@ -77,6 +83,9 @@ pub struct BakeOptions {
     pub resolution: Resolution,
     /// Patch source.
     pub patches: PatchSource,
+    /// Patches to aim at where they are triangles of a simplified mesh; `None`: so many that their mean area is that of a
+    /// voxel face.
+    pub target_patches: Option<u32>,
     /// Form-factor rays a patch; a power of two, 16 ..= 65536.
     pub rays: u32,
     /// Interpolation to vertices and points.
@@ -108,6 +117,7 @@ impl Default for BakeOptions {
         BakeOptions {
             resolution: Resolution::Grid(64),
             patches: PatchSource::Surfels,
+            target_patches: None,
             rays: 256,
             reconstruct: Reconstruct::Smooth,
             gather_rays: 1024,

@@ -71,7 +71,7 @@ pub struct Bake {
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
     pub(super) tracer: Box<dyn RayTracer>,
-    /// Tracer of the voxel faces, where they are the patches.
+    /// Tracer of the voxel faces or the simplified mesh, where these are the patches.
     pub(super) face_tracer: Option<Box<dyn RayTracer>>,
 }
 
@@ -93,7 +93,8 @@ impl Bake {
         &*self.tracer
     }
 
-    /// The tracer that [`Bake::patch_of`] understands: that of the surfaces, or of the voxel faces.
+    /// The tracer that [`Bake::patch_of`] understands: that of the surfaces, or of what stands for
+    /// them.
     pub fn patch_tracer(&self) -> &dyn RayTracer {
         self.face_tracer.as_deref().unwrap_or(&*self.tracer)
     }

@@ -20,7 +20,7 @@ pub struct Senders<'a> {
     pub exitance: &'a [Vec3],
     /// Whether the scene is closed: rays that escape slipped through cracks and do not count, as in the rows.
     pub closed: bool,
-    /// Whether the patches stand off the real surfaces, by some voxels at most: rays of points start behind them then.
+    /// Whether the patches stand off the real surfaces: points may lie behind them.
     pub displaced: bool,
     /// Rays a point.
     pub rays: u32,
@@ -46,10 +46,10 @@ const SETS: usize = 16;
 /// Purpose words of random bits.
 const POINT: u64 = 0x6761_7468_6572;
 const SHIFT: u64 = 0x7368_6966_7473;
-/// Voxels within which rays pass the backs of patches that stand off the surface.
+/// Voxels before a point within which the patches of its surface may stand.
 const SHELL: f32 = 2.0;
-/// Backs that a ray passes there.
-const BACKS: usize = 3;
+/// Surfaces that rays start before, at most.
+const ROUNDS: usize = 3;
 
 impl Lattice {
     /// Directions for gathers of `rays` rays, at least one.
@@ -98,31 +98,26 @@ fn place(d: Vec3) -> (u32, u32) {
 struct Scratch {
     rays: RayBatch,
     hits: Vec<Hit>,
-    again: Vec<usize>,
-    behind: RayBatch,
-    found: Vec<Hit>,
 }
 
 /// The light that arrives at each point from the patches that its rays meet; `None` where no ray starts in the open.
 ///
 /// E = mean of the exitance met, over cosine-distributed rays. Rays onto the inside of an object are dropped, as in the
 /// rows of form factors. The result depends on nothing but position and normal of the point.
-pub fn gather(field: &Field, lattice: &Lattice, points: impl Iterator<Item = SurfacePoint>) -> Vec<Option<Vec3>> {
+pub fn gather(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Option<Vec3>> {
     let mut scratch = Scratch::default();
-    points.map(|point| if point.is_sound() { one(field, lattice, &point, &mut scratch) } else { None }).collect()
+    let light =
+        |(p, o): (&SurfacePoint, Vec3)| if p.is_sound() { one(field, lattice, p, o, &mut scratch) } else { None };
+    points.iter().zip(origins(field, points)).map(light).collect()
 }
 
-fn one(field: &Field, lattice: &Lattice, point: &SurfacePoint, s: &mut Scratch) -> Option<Vec3> {
+fn one(field: &Field, lattice: &Lattice, point: &SurfacePoint, origin: Vec3, s: &mut Scratch) -> Option<Vec3> {
     let senders = &field.senders;
-    aim(lattice, point, senders.seed, &mut s.rays);
+    aim(lattice, point, origin, senders.seed, &mut s.rays);
     s.hits.clear();
     s.hits.resize(s.rays.len(), Hit::NONE);
     senders.tracer.closest_hits(&s.rays, &mut s.hits);
     let patch = |hit: &Hit| field.simplified.hit_map.patch(&field.simplified.fragments, hit);
-    if senders.displaced {
-        let shell = SHELL * field.simplified.grid.voxel_size as f32;
-        pass_backs(senders.tracer, |hit| hit.is_hit() && hit.t < shell && patch(hit) == NO_PATCH, s);
-    }
     let (mut sum, mut valid) = (glam::DVec3::ZERO, 0u32);
     for hit in &s.hits {
         if !hit.is_hit() {
@@ -139,7 +134,7 @@ fn one(field: &Field, lattice: &Lattice, point: &SurfacePoint, s: &mut Scratch) 
 }
 
 /// The rays of a point, in directions that its place chooses.
-fn aim(lattice: &Lattice, point: &SurfacePoint, seed: u64, rays: &mut RayBatch) {
+fn aim(lattice: &Lattice, point: &SurfacePoint, origin: Vec3, seed: u64, rays: &mut RayBatch) {
     // Adding zero makes -0 and 0 one place.
     let bits = (point.position + Vec3::ZERO).to_array().into_iter().chain((point.normal + Vec3::ZERO).to_array());
     let mut words = [seed, POINT, 0, 0, 0, 0, 0, 0];
@@ -156,7 +151,6 @@ fn aim(lattice: &Lattice, point: &SurfacePoint, seed: u64, rays: &mut RayBatch) 
     rays.coherent = true;
     rays.t_min.fill(0.0);
     rays.t_max.fill(f32::INFINITY);
-    let origin = point.position + RAY_OFFSET * n;
     rays.origin_x.fill(origin.x);
     rays.origin_y.fill(origin.y);
     rays.origin_z.fill(origin.z);
@@ -169,24 +163,35 @@ fn aim(lattice: &Lattice, point: &SurfacePoint, seed: u64, rays: &mut RayBatch) 
     }
 }
 
-/// Lets the rays whose hit is a `back` go on.
-fn pass_backs(tracer: &dyn RayTracer, back: impl Fn(&Hit) -> bool, s: &mut Scratch) {
-    s.again.clear();
-    s.again.extend((0..s.hits.len()).filter(|&i| back(&s.hits[i])));
-    for _ in 0..BACKS {
-        if s.again.is_empty() {
-            break;
-        }
-        s.behind.clear();
-        for &i in &s.again {
-            s.behind.push(s.rays.origin(i), s.rays.direction(i), s.hits[i].t.next_up(), f32::INFINITY);
-        }
-        s.found.clear();
-        s.found.resize(s.again.len(), Hit::NONE);
-        tracer.closest_hits(&s.behind, &mut s.found);
-        s.again.iter().zip(&s.found).for_each(|(&i, hit)| s.hits[i] = *hit);
-        s.again.retain(|&i| back(&s.hits[i]));
+/// Where the rays of points start: on their surface, or before the patches that stand off it.
+fn origins(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let surface = |p: &SurfacePoint| p.position + RAY_OFFSET * p.normal;
+    if !field.senders.displaced {
+        return points.iter().map(surface).collect();
     }
+    let reach = SHELL * field.simplified.grid.voxel_size as f32;
+    let ahead = |tracer: &dyn RayTracer, from: &[f32], length: f32| {
+        let mut rays = RayBatch::with_capacity(points.len());
+        points.iter().zip(from).for_each(|(p, t)| rays.push(surface(p), p.normal, *t, length));
+        let mut hits = vec![Hit::NONE; points.len()];
+        tracer.closest_hits(&rays, &mut hits);
+        hits
+    };
+    let mut from = vec![0.0; points.len()];
+    let real = ahead(field.tracer, &from, 2.0 * reach);
+    for _ in 0..ROUNDS {
+        let hits = ahead(field.senders.tracer, &from, reach);
+        for (i, hit) in hits.iter().enumerate().filter(|(_, hit)| hit.is_hit()) {
+            let inside = field.simplified.hit_map.patch(&field.simplified.fragments, hit) == NO_PATCH;
+            // A patch of two sides stands for the nearer real surface: that of the point, or that which its ray meets.
+            if inside || 2.0 * hit.t < real[i].t {
+                from[i] = hit.t.next_up();
+            }
+        }
+    }
+    let before =
+        |(p, t): (&SurfacePoint, f32)| surface(p) + if t > 0.0 { (t + RAY_OFFSET) * p.normal } else { Vec3::ZERO };
+    points.iter().zip(from).map(before).collect()
 }
 
 #[cfg(test)]

@@ -68,7 +68,7 @@ pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) 
 
 /// Gathers at every point, and interpolates where no ray starts in the open.
 fn everywhere(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Vec3> {
-    let gathered = gather::gather(field, lattice, points.iter().copied());
+    let gathered = gather::gather(field, lattice, points);
     let lost: Vec<SurfacePoint> = points.iter().zip(&gathered).filter(|g| g.1.is_none()).map(|g| *g.0).collect();
     let mut instead = smooth::interpolate(field, &lost).into_iter();
     gathered.into_iter().map(|e| e.or_else(|| Some(instead.next()?.value)).unwrap_or_default()).collect()
@@ -77,8 +77,9 @@ fn everywhere(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<
 /// Interpolates, and gathers where the fit is in doubt.
 fn where_asked(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Vec3> {
     let fits = smooth::interpolate(field, points);
-    let asking = points.iter().zip(&fits).filter(|(_, fit)| fit.is_doubtful()).map(|(p, _)| *p);
-    let mut gathered = gather::gather(field, lattice, asking).into_iter();
+    let asking: Vec<SurfacePoint> =
+        points.iter().zip(&fits).filter(|(_, fit)| fit.is_doubtful()).map(|(p, _)| *p).collect();
+    let mut gathered = gather::gather(field, lattice, &asking).into_iter();
     fits.iter()
         .map(|fit| if fit.is_doubtful() { gathered.next().flatten().unwrap_or(fit.value) } else { fit.value })
         .collect()
