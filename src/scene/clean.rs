@@ -341,6 +341,7 @@ impl Builder {
             warnings: Vec::new(),
             sides: Vec::new(),
             dropped: Dropped::default(),
+            proxy: None,
         }
     }
 
