@@ -1,7 +1,7 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
 use crate::{
-    BakeOptions, Error, Result, Scene, forecast,
+    BakeOptions, Error, Result, Scene, estimate, forecast,
     light::LightSet,
     options::{PatchSource, Primary},
     progress::Progress,
@@ -92,11 +92,13 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         form_factors: estimate.form_factors,
         light,
         report: Report::default(),
+        error: None,
         options: options.clone(),
         lights,
         bright: bright.map(|b| b.patches.lights),
         glow: primary.glow,
         smooth: secondary.smooth,
+        carried: secondary.carried,
         index,
         normals: scene.normals(),
         tracer,
@@ -105,8 +107,14 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices");
 
+    let error = options.estimate.then(|| estimate::estimate(scene, &bake));
+    if error.is_some() {
+        clock.stop("estimate");
+    }
+
     let work = Work { solution, row_rays: estimate.rays, visibility, rows_seconds };
     bake.report = measure::report(scene, &bake, work, clock);
+    (bake.report.error, bake.error) = error.unzip();
     Ok(bake)
 }
 

@@ -69,6 +69,7 @@ pub mod trace;
 pub mod transfer;
 
 pub mod bake;
+pub mod estimate;
 pub mod forecast;
 pub mod output;
 

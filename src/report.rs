@@ -31,6 +31,8 @@ pub struct Report {
     pub row_sums: RowSums,
     /// The radiosity solution.
     pub solver: Solver,
+    /// Estimate of the error at the vertices; `None` if none was asked for.
+    pub error: Option<ErrorReport>,
     /// What was not computed, and why that is right.
     pub skipped: Vec<Skipped>,
     /// What the reader should know.
@@ -117,6 +119,32 @@ pub struct Solver {
     pub iterations: usize,
     /// max |M + rho F B - B| / max |M|.
     pub residual: f64,
+}
+
+/// Estimated error of irradiance over the area of the split mesh.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ErrorReport {
+    /// Of direct light.
+    pub direct: ErrorParts,
+    /// Of indirect light.
+    pub indirect: ErrorParts,
+    /// Of both together.
+    pub total: ErrorParts,
+    /// Vertices that the estimate looked at.
+    pub vertices: usize,
+}
+
+/// Errors of luminance, as shares of its mean: roots of mean squares.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ErrorParts {
+    /// By random sampling.
+    pub noise: f64,
+    /// By the size of the patches.
+    pub discretisation: f64,
+    /// Of both.
+    pub total: f64,
+    /// The size that the error stays below on 95 % of the area.
+    pub p95: f64,
 }
 
 /// One thing that was skipped.

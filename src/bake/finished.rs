@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::exchange::add;
 use crate::{
     BakeOptions,
+    estimate::VertexError,
     light::{self, LightSet},
     progress::Progress,
     reconstruct::{self, Field, PatchIndex},
@@ -56,14 +57,18 @@ pub struct Bake {
     pub light: PatchLight,
     /// What was measured.
     pub report: Report,
-    pub(super) options: BakeOptions,
-    pub(super) lights: LightSet,
+    /// Standard error of the light at the vertices of `mesh`; `None` if none was asked for.
+    pub error: Option<VertexError>,
+    pub(crate) options: BakeOptions,
+    pub(crate) lights: LightSet,
     /// Bright patches, whose first reflection lights vertices and points as lamps do.
-    pub(super) bright: Option<LightSet>,
+    pub(crate) bright: Option<LightSet>,
     /// Irradiance of the patches straight from emitting patches; `None` where emitters are sampled as lights.
-    pub(super) glow: Option<Vec<Vec3>>,
+    pub(crate) glow: Option<Vec<Vec3>>,
     /// Indirect irradiance of the patches without what the bright ones send.
-    pub(super) smooth: Vec<Vec3>,
+    pub(crate) smooth: Vec<Vec3>,
+    /// Radiosity of the patches that goes on by form factors, W/m2.
+    pub(crate) carried: Vec<Vec3>,
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
@@ -138,8 +143,14 @@ impl Bake {
         all
     }
 
-    fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3]) -> Vec<Vec3> {
-        let field = Field {
+    /// Carries values of the patches to points that stand clear of walls.
+    pub(crate) fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3]) -> Vec<Vec3> {
+        reconstruct::interpolate(&self.field(values), self.options.reconstruct, points)
+    }
+
+    /// Values of the patches as a field.
+    pub(crate) fn field<'a>(&'a self, values: &'a [Vec3]) -> Field<'a> {
+        Field {
             simplified: &self.simplified,
             index: &self.index,
             values,
@@ -147,7 +158,6 @@ impl Bake {
             tracer: &*self.tracer,
             normals: &self.normals,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
-        };
-        reconstruct::interpolate(&field, self.options.reconstruct, points)
+        }
     }
 }

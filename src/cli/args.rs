@@ -77,6 +77,9 @@ struct Settings {
     /// Trace also the patches that no light can reach
     #[arg(long)]
     no_skip: bool,
+    /// Do not estimate the error of the result
+    #[arg(long)]
+    no_estimate: bool,
 }
 
 /// Added to the lights of the scene.
@@ -169,6 +172,7 @@ impl BakeArgs {
             tolerance: s.tolerance.unwrap_or(base.tolerance),
             seed: s.seed.unwrap_or(base.seed),
             skip_unreached: base.skip_unreached && !s.no_skip,
+            estimate: base.estimate && !s.no_estimate,
         }
     }
 

@@ -122,8 +122,9 @@ fn write(
     let begun = Instant::now();
     let scene = &job.scene;
     let voxel_size = bake.report.counts.voxel_size;
-    staged
-        .write("vertices.ply", |out| ply::write_vertices(out, &bake.mesh, &bake.vertices, &scene.frame, voxel_size))?;
+    staged.write("vertices.ply", |out| {
+        ply::write_vertices(out, &bake.mesh, &bake.vertices, bake.error.as_ref(), &scene.frame, voxel_size)
+    })?;
     let lit = LitMesh::new(scene, &bake.mesh, &bake.vertices);
     let exposed = |automatic: ToneMap| args.picture.exposure.map_or(automatic, |exposure| ToneMap { exposure });
     let tone = exposed(lit.tone());

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::{
     Scene,
-    report::{Energy, Report},
+    report::{Energy, ErrorReport, Report},
     scene::Camera,
 };
 
@@ -108,6 +108,9 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         ),
     );
     line("power", energy(&report.energy));
+    if let Some(e) = &report.error {
+        line("error", error(e));
+    }
     let stages: Vec<String> = report.stages.iter().map(|s| format!("{} {:.2}", s.name, s.seconds)).collect();
     let total: f64 = report.stages.iter().map(|s| s.seconds).sum();
     line("seconds", format!("{total:.2}: {}", stages.join(", ")));
@@ -124,6 +127,18 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         line("warning", warning.clone());
     }
     text
+}
+
+fn error(e: &ErrorReport) -> String {
+    let percent = |x: f64| format!("{:.2} %", 100.0 * x);
+    format!(
+        "total {} (direct {}, indirect {}: noise {}, grid {})",
+        percent(e.total.total),
+        percent(e.direct.total),
+        percent(e.indirect.total),
+        percent(e.indirect.noise),
+        percent(e.indirect.discretisation)
+    )
 }
 
 fn energy(e: &Energy) -> String {
@@ -185,7 +200,8 @@ mod tests {
 
     #[test]
     fn every_field_of_the_record_is_documented() {
-        let report = Report { settings: Some(BakeOptions::default()), ..Default::default() };
+        let settings = Some(BakeOptions::default());
+        let report = Report { settings, error: Some(ErrorReport::default()), ..Default::default() };
         let camera = Camera {
             position: Default::default(),
             target: Default::default(),
