@@ -70,8 +70,10 @@ pub mod transfer;
 
 pub mod bake;
 pub mod estimate;
+pub mod compare;
 pub mod forecast;
 pub mod output;
+pub mod reference;
 
 pub use bake::bake;
 pub use error::{Error, Result};
