@@ -1,5 +1,7 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
+use std::time::Instant;
+
 use crate::{
     BakeOptions, Error, Result, Scene, estimate, forecast,
     light::LightSet,
@@ -27,14 +29,24 @@ use measure::{Clock, Work};
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
 /// for options without sense or voxels too small for the memory.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
+    bake_until(scene, options, progress, None)
+}
+
+/// As [`bake`]; gives up at the end of the first stage that ends after `deadline`, if it is not the last.
+pub(crate) fn bake_until(
+    scene: &Scene,
+    options: &BakeOptions,
+    progress: &dyn Progress,
+    deadline: Option<Instant>,
+) -> Result<Bake> {
     check(scene, options)?;
-    let mut clock = Clock::new();
+    let mut clock = Clock::new(deadline);
 
     let grid = Grid::new(scene, options.resolution)?;
     simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
     let tracer = trace::build(options.backend, &scene.geometry())?;
     let lights = LightSet::new(scene);
-    clock.stop("build");
+    clock.stop("build")?;
 
     let (simplified, face_tracer) = match options.patches {
         PatchSource::Surfels => (simplify::surfels(scene, grid, &*tracer), None),
@@ -45,12 +57,12 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         }
     };
     simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
-    clock.stop("simplify");
+    clock.stop("simplify")?;
 
     let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
     let exchange = Exchange { simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
     let (direct, mut visibility) = exchange.direct();
-    clock.stop("direct");
+    clock.stop("direct")?;
 
     let rows_tracer = face_tracer.as_deref().unwrap_or(&*tracer);
     let lit = exchange.lit(&direct);
@@ -63,13 +75,13 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     }
     let all = !options.skip_unreached;
     let estimate = transfer::estimate(&simplified, rows_tracer, &lit, all, options.rays, options.seed, progress);
-    let rows_seconds = clock.stop("form factors");
+    let rows_seconds = clock.stop("form factors")?;
 
     let primary = exchange.primary(direct, &estimate.form_factors);
     let (bright, rays) = exchange.bright(&primary, &estimate);
     visibility += rays;
     if rays > 0 {
-        clock.stop("bright patches");
+        clock.stop("bright patches")?;
     }
     let (secondary, solution) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
     let light = PatchLight {
@@ -79,11 +91,11 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         reached: estimate.reached,
         known: estimate.visible,
     };
-    clock.stop("solve");
+    clock.stop("solve")?;
 
     let index = PatchIndex::new(&simplified.patches, grid);
     let mesh = vertices::mesh(scene, &simplified, &light, &index, options, &*tracer);
-    clock.stop("split mesh");
+    clock.stop("split mesh")?;
 
     let mut bake = Bake {
         mesh,
@@ -105,11 +117,11 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         face_tracer,
     };
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
-    clock.stop("vertices");
+    clock.stop("vertices")?;
 
     let error = options.estimate.then(|| estimate::estimate(scene, &bake));
     if error.is_some() {
-        clock.stop("estimate");
+        clock.stop("estimate")?;
     }
 
     let work = Work { solution, row_rays: estimate.rays, visibility, rows_seconds };

@@ -24,7 +24,7 @@ use luxel::{
 };
 
 use super::{
-    args::{BakeArgs, Job},
+    args::{BakeArgs, Goals, Job},
     parse,
     progress::{Style, Terminal},
     say,
@@ -37,6 +37,8 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     picture: Picture,
+    #[command(flatten)]
+    goals: Goals,
     #[command(flatten)]
     bake: BakeArgs,
 }
@@ -67,11 +69,12 @@ struct Picture {
 pub fn run(args: &Args) -> Result<()> {
     let job = args.bake.load()?;
     let scene = &job.scene;
+    let goal = args.bake.goal(&args.goals);
     let running = &args.bake.running;
     let staged = Staged::open(&args.output)?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let mut bake = luxel::bake(scene, &job.options, &progress)?;
+        let mut bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
         let picture = (!args.picture.no_preview).then(|| {
             let begun = Instant::now();
             let camera = args.picture.camera(scene, &bake);

@@ -19,6 +19,7 @@ use crate::{
     report::{ErrorParts, ErrorReport},
     sampling,
     scene::SurfacePoint,
+    simplify::NO_PATCH,
 };
 
 mod coarse;
@@ -26,6 +27,7 @@ mod local;
 mod patches;
 mod spread;
 
+use coarse::Coarse;
 use local::Local;
 use patches::Field;
 
@@ -50,7 +52,10 @@ const AGAIN: u64 = 0x6167_6169;
 
 /// Variances at the vertices that are looked at, (W/m2)2.
 struct Variance {
-    noise: Vec<f64>,
+    /// By shadow rays.
+    shadow: Vec<f64>,
+    /// By the rays of rows.
+    rows: Vec<f64>,
     /// Square of the discretisation error; below zero where noise was larger than expected.
     detail: Vec<f64>,
 }
@@ -59,78 +64,108 @@ struct Variance {
 ///
 /// Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
 pub fn estimate(scene: &Scene, bake: &Bake) -> (ErrorReport, VertexError) {
-    let areas = vertex_areas(bake);
     let looked_at = chosen(bake.mesh.samples.len(), SHARE, LEAST, bake.options.seed ^ CHOICE);
     let points: Vec<SurfacePoint> = looked_at.iter().map(|&v| bake.mesh.samples[v as usize]).collect();
+    let coarse = Coarse::new(scene, bake);
 
-    let mut direct = Variance { noise: sampled(bake, &bake.lights, &points), detail: vec![0.0; points.len()] };
-    let coarse = coarse::Coarse::new(scene, bake);
+    let mut direct = Variance::of_shadow_rays(bake, &bake.lights, &points);
     if let Some(glow) = &bake.glow {
-        let emitted = &bake.patches().emitted;
-        direct.add(patches::variance(
-            bake,
-            &coarse,
-            &Field { received: glow, sent: emitted, reflects: false },
-            &points,
-        ));
+        let field = Field { received: glow, sent: &bake.patches().emitted, reflects: false };
+        direct.add(&patches::variance(bake, &coarse, &field, &points));
     }
     let field = Field { received: &bake.smooth, sent: &bake.carried, reflects: true };
     let mut indirect = patches::variance(bake, &coarse, &field, &points);
     if let Some(bright) = &bake.bright {
-        indirect.noise.iter_mut().zip(sampled(bake, bright, &points)).for_each(|(a, b)| *a += b);
+        indirect.add(&Variance::of_shadow_rays(bake, bright, &points));
     }
 
     let light = &bake.vertices;
-    let total_light: Vec<Vec3> = light.direct.iter().zip(&light.indirect).map(|(a, b)| *a + *b).collect();
-    let own = |v: &[Vec3]| looked_at.iter().map(|&i| luminance(v[i as usize]) as f64).collect::<Vec<f64>>();
-    let weights: Vec<f64> = looked_at.iter().map(|&v| areas[v as usize]).collect();
-    let spread = |variance: &Variance, all: &[Vec3]| {
-        let mean = area_mean(&areas, all);
-        let mut local = Local::new(bake.simplified.grid, mean);
-        for (k, e) in own(all).into_iter().enumerate() {
-            local.add(&points[k], weights[k], variance.noise[k] + variance.detail[k], e);
-        }
-        let sigma: Vec<f32> = bake
-            .mesh
-            .samples
-            .iter()
-            .zip(all)
-            .map(|(p, e)| local.variance(p, luminance(*e) as f64).max(0.0).sqrt() as f32)
-            .collect();
-        (sigma, mean)
+    let sum: Vec<Vec3> = light.direct.iter().zip(&light.indirect).map(|(a, b)| *a + *b).collect();
+    let places = Places { bake, areas: vertex_areas(bake), looked_at };
+    let of_direct = places.spread(&direct, &light.direct);
+    let of_indirect = places.spread(&indirect, &light.indirect);
+    let total: Vec<f32> = of_direct.iter().zip(&of_indirect).map(|(a, b)| a.hypot(*b)).collect();
+    let (direct_parts, indirect_parts) =
+        (places.parts(&direct, &light.direct, &of_direct), places.parts(&indirect, &light.indirect, &of_indirect));
+    direct.add(&indirect);
+    let report = ErrorReport {
+        direct: direct_parts,
+        indirect: indirect_parts,
+        total: places.parts(&direct, &sum, &total),
+        vertices: points.len(),
     };
-    let (direct_error, direct_mean) = spread(&direct, &light.direct);
-    let (indirect_error, indirect_mean) = spread(&indirect, &light.indirect);
-    let total_error: Vec<f32> = direct_error.iter().zip(&indirect_error).map(|(a, b)| a.hypot(*b)).collect();
-
-    let parts = |variance: &Variance, mean: f64, sigma: &[f32]| {
-        let noise = relative(area_mean_of(&weights, &variance.noise), mean);
-        let detail = relative(area_mean_of(&weights, &variance.detail), mean);
-        let p95 = if mean > 0.0 { spread::percentile_95(sigma, &areas) / mean } else { 0.0 };
-        ErrorParts { noise, discretisation: detail, total: noise.hypot(detail), p95 }
-    };
-    let direct_parts = parts(&direct, direct_mean, &direct_error);
-    let indirect_parts = parts(&indirect, indirect_mean, &indirect_error);
-    direct.add(indirect);
-    let total_parts = parts(&direct, area_mean(&areas, &total_light), &total_error);
-    let report =
-        ErrorReport { direct: direct_parts, indirect: indirect_parts, total: total_parts, vertices: points.len() };
-    (report, VertexError { direct: direct_error, indirect: indirect_error, total: total_error })
+    (report, VertexError { direct: of_direct, indirect: of_indirect, total })
 }
 
 impl Variance {
-    fn add(&mut self, other: Variance) {
-        self.noise.iter_mut().zip(other.noise).for_each(|(a, b)| *a += b);
-        self.detail.iter_mut().zip(other.detail).for_each(|(a, b)| *a += b);
+    /// Half the square of the difference of two samples of the light of `lights`.
+    fn of_shadow_rays(bake: &Bake, lights: &LightSet, points: &[SurfacePoint]) -> Variance {
+        let samples = bake.options.point_samples;
+        let light = |seed: u64| light::irradiance(lights, bake.tracer(), points, 1, samples, seed).irradiance;
+        let (first, second) = (light(bake.options.seed), light(bake.options.seed ^ AGAIN));
+        let shadow = first.iter().zip(&second).map(|(a, b)| 0.5 * (luminance(*a - *b) as f64).powi(2)).collect();
+        Variance { shadow, rows: vec![0.0; points.len()], detail: vec![0.0; points.len()] }
+    }
+
+    fn add(&mut self, other: &Variance) {
+        let add = |a: &mut [f64], b: &[f64]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        add(&mut self.shadow, &other.shadow);
+        add(&mut self.rows, &other.rows);
+        add(&mut self.detail, &other.detail);
     }
 }
 
-/// Variance of the irradiance that shadow rays find at `points`: half the square of the difference of two.
-fn sampled(bake: &Bake, lights: &LightSet, points: &[SurfacePoint]) -> Vec<f64> {
-    let samples = bake.options.point_samples;
-    let light = |seed: u64| light::irradiance(lights, bake.tracer(), points, 1, samples, seed).irradiance;
-    let (first, second) = (light(bake.options.seed), light(bake.options.seed ^ AGAIN));
-    first.iter().zip(&second).map(|(a, b)| 0.5 * (luminance(*a - *b) as f64).powi(2)).collect()
+/// The vertices of a bake, and which of them were looked at.
+struct Places<'a> {
+    bake: &'a Bake,
+    /// Of all vertices.
+    areas: Vec<f64>,
+    looked_at: Vec<u32>,
+}
+
+impl Places<'_> {
+    /// Standard errors of `light` at all vertices.
+    fn spread(&self, variance: &Variance, light: &[Vec3]) -> Vec<f32> {
+        let samples = &self.bake.mesh.samples;
+        let mut local = Local::new(self.bake.simplified.grid, self.mean(light));
+        for (k, &v) in self.looked_at.iter().enumerate() {
+            let (v, all) = (v as usize, variance.shadow[k] + variance.rows[k] + variance.detail[k]);
+            local.add(&samples[v], self.areas[v], all, luminance(light[v]) as f64);
+        }
+        let sigma = |(p, e): (&SurfacePoint, &Vec3)| local.variance(p, luminance(*e) as f64).max(0.0).sqrt() as f32;
+        samples.iter().zip(light).map(sigma).collect()
+    }
+
+    /// What the variance of `light` comes to; `sigma` is its standard error at all vertices.
+    fn parts(&self, variance: &Variance, light: &[Vec3], sigma: &[f32]) -> ErrorParts {
+        let mean = self.mean(light);
+        if mean <= 0.0 {
+            return ErrorParts::default();
+        }
+        let area = |v: u32| self.areas[v as usize];
+        let all: f64 = self.looked_at.iter().map(|&v| area(v)).sum();
+        let relative = |squares: &[f64]| {
+            let sum: f64 = self.looked_at.iter().zip(squares).map(|(&v, s)| area(v) * s).sum();
+            (sum / all.max(f64::MIN_POSITIVE)).max(0.0).sqrt() / mean
+        };
+        let (shadow_noise, row_noise, discretisation) =
+            (relative(&variance.shadow), relative(&variance.rows), relative(&variance.detail));
+        let noise = shadow_noise.hypot(row_noise);
+        ErrorParts {
+            shadow_noise,
+            row_noise,
+            noise,
+            discretisation,
+            total: noise.hypot(discretisation),
+            p95: spread::percentile_95(sigma, &self.areas) / mean,
+        }
+    }
+
+    /// Mean luminance.
+    fn mean(&self, light: &[Vec3]) -> f64 {
+        let sum: f64 = self.areas.iter().zip(light).map(|(a, e)| a * luminance(*e) as f64).sum();
+        sum / self.areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
 }
 
 /// A share of 0 .. n, chosen by hash; at least `least` of them or so.
@@ -140,28 +175,15 @@ fn chosen(n: usize, share: f64, least: usize, seed: u64) -> Vec<u32> {
     (0..n as u32).filter(|&i| sampling::hash(&[seed, i as u64]) <= limit).collect()
 }
 
-/// A third of the triangles around each vertex; local units squared.
+/// A third of the triangles around each vertex, without those that lie hidden inside of objects; local units squared.
 fn vertex_areas(bake: &Bake) -> Vec<f64> {
     let mut areas = vec![0.0; bake.mesh.positions.len()];
-    for triangle in &bake.mesh.triangles {
+    let hidden = |patch: u32| patch != NO_PATCH && !bake.light.known[patch as usize];
+    let visible = bake.mesh.triangles.iter().zip(&bake.mesh.patch).filter(|(_, patch)| !hidden(**patch));
+    for (triangle, _) in visible {
         let [a, b, c] = triangle.map(|v| bake.mesh.positions[v as usize].as_dvec3());
         let area = 0.5 * (b - a).cross(c - a).length();
         triangle.iter().for_each(|&v| areas[v as usize] += area / 3.0);
     }
     areas
-}
-
-fn area_mean(areas: &[f64], values: &[Vec3]) -> f64 {
-    let sum: f64 = areas.iter().zip(values).map(|(a, v)| a * luminance(*v) as f64).sum();
-    sum / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
-}
-
-fn area_mean_of(areas: &[f64], values: &[f64]) -> f64 {
-    let sum: f64 = areas.iter().zip(values).map(|(a, v)| a * v).sum();
-    sum / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
-}
-
-/// Root of a mean square, as a share of `mean`.
-fn relative(mean_square: f64, mean: f64) -> f64 {
-    if mean > 0.0 { mean_square.max(0.0).sqrt() / mean } else { 0.0 }
 }

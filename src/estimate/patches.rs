@@ -59,7 +59,7 @@ pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[Su
     let coarse =
         reconstruct::interpolate(&coarse.field(bake, &lifted(&coarse_white)), bake.options.reconstruct, points);
 
-    let mut noise = Vec::with_capacity(points.len());
+    let mut left = Vec::with_capacity(points.len());
     let mut detail = Vec::with_capacity(points.len());
     let share = 1.0 / (2.0_f64.powf(ORDER) - 1.0).powi(2);
     for (p, (fine, coarse)) in points.iter().zip(fine.iter().zip(&coarse)) {
@@ -67,10 +67,10 @@ pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[Su
         let kept = *fine - Vec3::splat(LIFT);
         let apart = *coarse - *fine;
         let gain = |v: Vec3| 0.5 * (v.y * v.y + v.z * v.z) as f64;
-        noise.push(gain(kept) * row);
+        left.push(gain(kept) * row);
         detail.push(share * ((apart.x as f64).powi(2) - gain(apart) * row));
     }
-    Variance { noise, detail }
+    Variance { shadow: vec![0.0; points.len()], rows: left, detail }
 }
 
 /// Variance of the irradiance of rows: some are cast again, and meet the radiosity that is known.

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::{
     Scene,
-    report::{Energy, ErrorReport, Report},
+    report::{Energy, ErrorReport, GoalReport, Report},
     scene::Camera,
 };
 
@@ -111,6 +111,9 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
     if let Some(e) = &report.error {
         line("error", error(e));
     }
+    if let Some(g) = &report.goal {
+        line("goal", goal(g, report.error.as_ref()));
+    }
     let stages: Vec<String> = report.stages.iter().map(|s| format!("{} {:.2}", s.name, s.seconds)).collect();
     let total: f64 = report.stages.iter().map(|s| s.seconds).sum();
     line("seconds", format!("{total:.2}: {}", stages.join(", ")));
@@ -127,6 +130,17 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         line("warning", warning.clone());
     }
     text
+}
+
+fn goal(g: &GoalReport, e: Option<&ErrorReport>) -> String {
+    let verdict = match g.reached {
+        Some(true) => "target reached: ",
+        Some(false) => "target not reached: ",
+        None => "",
+    };
+    let estimated = 100.0 * e.map_or(f64::NAN, |e| e.total.total);
+    let count = g.steps.len();
+    format!("{verdict}estimated {estimated:.2} % after {count} bakes in {:.2} s; {}", g.seconds, g.ended)
 }
 
 fn error(e: &ErrorReport) -> String {
@@ -176,7 +190,10 @@ pub fn peak_memory_bytes() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BakeOptions, report::Stage};
+    use crate::{
+        BakeOptions,
+        report::{GoalStep, Stage},
+    };
 
     #[test]
     fn the_record_is_flat_json_with_the_command() {
@@ -202,6 +219,8 @@ mod tests {
     fn every_field_of_the_record_is_documented() {
         let settings = Some(BakeOptions::default());
         let report = Report { settings, error: Some(ErrorReport::default()), ..Default::default() };
+        let goal = Some(GoalReport { steps: vec![GoalStep::default()], ..Default::default() });
+        let report = Report { goal, ..report };
         let camera = Camera {
             position: Default::default(),
             target: Default::default(),
@@ -213,6 +232,7 @@ mod tests {
         let page = include_str!("../../docs/BAKE_JSON.md");
         let mut left = vec![&json];
         while let Some(value) = left.pop() {
+            left.extend(value.as_array().into_iter().flatten());
             for (key, inner) in value.as_object().into_iter().flatten() {
                 assert!(page.contains(&format!("`{key}`")), "docs/BAKE_JSON.md lacks `{key}`");
                 left.push(inner);
