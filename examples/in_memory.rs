@@ -109,6 +109,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
     // Step 5: back to the surfaces.
     let values: Vec<Vec3> = solution.irradiance.iter().map(|e| Vec3::from_array(e.map(|x| x as f32))).collect();
     let normals: Vec<Vec3> = (0..scene.triangles.len()).map(|t| scene.normal(t)).collect();
+    let two_sided: Vec<bool> = scene.triangles.iter().map(|t| t.two_sided).collect();
     let field = Field {
         simplified: &simplified,
         index: &PatchIndex::new(patches, grid),
@@ -116,7 +117,16 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         known: &estimate.visible,
         tracer: &*tracer,
         normals: &normals,
+        two_sided: &two_sided,
         cos_threshold: options.normal_threshold.to_radians().cos(),
+        senders: reconstruct::Senders {
+            tracer: &*tracer,
+            exitance: &values,
+            closed: f.is_closed(),
+            displaced: false,
+            rays: options.gather_rays,
+            seed,
+        },
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

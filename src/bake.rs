@@ -1,7 +1,9 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
+use std::time::Instant;
+
 use crate::{
-    BakeOptions, Error, Result, Scene, forecast,
+    BakeOptions, Error, Result, Scene, estimate, forecast,
     light::{LampPower, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
@@ -28,27 +30,37 @@ use measure::{Clock, Work};
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
 /// for options without sense or voxels too small for the memory.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
+    bake_until(scene, options, progress, None)
+}
+
+/// As [`bake`]; gives up at the end of the first stage that ends after `deadline`, if it is not the last.
+pub(crate) fn bake_until(
+    scene: &Scene,
+    options: &BakeOptions,
+    progress: &dyn Progress,
+    deadline: Option<Instant>,
+) -> Result<Bake> {
     check(scene, options)?;
-    let mut clock = Clock::new();
+    let mut clock = Clock::new(deadline);
 
     let grid = Grid::new(scene, options.resolution)?;
     simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
     let tracer = trace::build(options.backend, &scene.geometry())?;
     let lights = LightSet::new(scene);
-    clock.stop("build");
+    clock.stop("build")?;
 
     let simplified = simplify::simplify(scene, grid, options, &*tracer)?;
     let own = options.patches != PatchSource::Surfels;
     let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
     simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
-    clock.stop("simplify");
+    clock.stop("simplify")?;
 
     let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
     let lamps = LampPower::new(&lights, &*tracer, inside, options.seed);
     let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
     let exchange = Exchange { scene, simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
     let (direct, mut visibility) = exchange.direct();
-    clock.stop("direct");
+    clock.stop("direct")?;
 
     let rows_tracer = face_tracer.as_deref().unwrap_or(&*tracer);
     let mut lit = exchange.lit(&direct);
@@ -64,12 +76,12 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let (estimate, primary, bright) = loop {
         let estimate = transfer::estimate(&simplified, rows_tracer, &lit, all, options.rays, options.seed, progress);
         row_rays += estimate.rays;
-        rows_seconds += clock.stop("form factors");
+        rows_seconds += clock.stop("form factors")?;
         let primary = exchange.primary(&direct, &estimate.form_factors);
         let bright = exchange.bright(&primary, &estimate);
         if let Some(bright) = &bright {
             visibility += bright.rays;
-            clock.stop("bright patches");
+            clock.stop("bright patches")?;
             // What only bright patches light needs rows too.
             if exchange.light_more(bright, &primary, &estimate, &mut lit) {
                 continue;
@@ -87,11 +99,11 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         reached: estimate.reached,
         known: estimate.visible,
     };
-    clock.stop("solve");
+    clock.stop("solve")?;
 
     let index = PatchIndex::new(&simplified.patches, grid);
     let mesh = vertices::mesh(scene, &simplified, &light, &index, options, &*tracer);
-    clock.stop("split mesh");
+    clock.stop("split mesh")?;
 
     let mut bake = Bake {
         mesh,
@@ -100,12 +112,13 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         form_factors: estimate.form_factors,
         light,
         report: Report::default(),
+        error: None,
         options: options.clone(),
         lights,
         bright: bright.map(|b| b.patches.lights),
         glow: primary.glow,
         smooth: secondary.smooth,
-        unsent: secondary.unsent,
+        carried: secondary.carried,
         index,
         normals: scene.normals(),
         two_sided: scene.triangles.iter().map(|t| t.two_sided).collect(),
@@ -113,10 +126,16 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         face_tracer,
     };
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
-    clock.stop("vertices");
+    clock.stop("vertices")?;
+
+    let error = options.estimate.then(|| estimate::estimate(scene, &bake));
+    if error.is_some() {
+        clock.stop("estimate")?;
+    }
 
     let work = Work { solution, row_rays, visibility, rows_seconds, lamps };
     bake.report = measure::report(scene, &bake, work, clock);
+    (bake.report.error, bake.error) = error.unzip();
     Ok(bake)
 }
 

@@ -33,6 +33,9 @@ pub enum Error {
     /// An option has no sense, or not in this combination: change the option.
     #[error("{0}")]
     Option(String),
+    /// A bake was stopped because its time was over; it has no result.
+    #[error("the time was over when stage \"{0}\" ended")]
+    Stopped(String),
     /// A ray-tracing or image backend is absent or failed: choose another one.
     #[error("{0}")]
     Backend(String),

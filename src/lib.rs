@@ -57,6 +57,7 @@
 pub mod error;
 pub mod options;
 pub mod progress;
+pub mod quality;
 pub mod report;
 pub mod sampling;
 
@@ -70,14 +71,18 @@ pub mod transfer;
 
 pub mod bake;
 pub mod compare;
+pub mod estimate;
 pub mod forecast;
+pub mod goal;
 pub mod output;
 pub mod reference;
 
 pub use bake::bake;
 pub use error::{Error, Result};
 pub use forecast::forecast;
+pub use goal::{Goal, bake_to};
 pub use options::BakeOptions;
+pub use quality::Quality;
 pub use scene::Scene;
 
 /// The README's code compiles.

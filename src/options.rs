@@ -110,6 +110,8 @@ pub struct BakeOptions {
     pub seed: u64,
     /// Skip patches that no light can reach.
     pub skip_unreached: bool,
+    /// Estimate the error of the result.
+    pub estimate: bool,
 }
 
 impl Default for BakeOptions {
@@ -130,6 +132,7 @@ impl Default for BakeOptions {
             tolerance: 1e-6,
             seed: 0,
             skip_unreached: true,
+            estimate: true,
         }
     }
 }

@@ -31,6 +31,10 @@ pub struct Report {
     pub row_sums: RowSums,
     /// The radiosity solution.
     pub solver: Solver,
+    /// Estimate of the error at the vertices; `None` if none was asked for.
+    pub error: Option<ErrorReport>,
+    /// How the settings were found, if a goal was set instead.
+    pub goal: Option<GoalReport>,
     /// What was not computed, and why that is right.
     pub skipped: Vec<Skipped>,
     /// What the reader should know.
@@ -124,6 +128,70 @@ pub struct Solver {
     pub iterations: usize,
     /// max |M + rho F B - B| / max |M|.
     pub residual: f64,
+}
+
+/// Estimated error of irradiance over the area of the split mesh.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ErrorReport {
+    /// Of direct light.
+    pub direct: ErrorParts,
+    /// Of indirect light.
+    pub indirect: ErrorParts,
+    /// Of both together.
+    pub total: ErrorParts,
+    /// Vertices that the estimate looked at.
+    pub vertices: usize,
+}
+
+/// Errors of luminance, as shares of its mean: roots of mean squares.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ErrorParts {
+    /// By the shadow rays of vertices: more `point_samples` make it smaller.
+    pub shadow_noise: f64,
+    /// By the rays of patches: more `rays` make it smaller.
+    pub row_noise: f64,
+    /// Of both.
+    pub noise: f64,
+    /// By the size of the patches: a finer grid makes it smaller.
+    pub discretisation: f64,
+    /// Of noise and discretisation.
+    pub total: f64,
+    /// The size that the error stays below on 95 % of the area.
+    pub p95: f64,
+}
+
+/// A search for settings.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GoalReport {
+    /// Error of total light that was asked for, as a share of its mean.
+    pub target_error: Option<f64>,
+    /// Seconds that were given.
+    pub budget_seconds: Option<f64>,
+    /// Whether the estimated error is at most the target; `None` without a target.
+    pub reached: Option<bool>,
+    /// Why the search ended.
+    pub ended: String,
+    /// Seconds of all bakes.
+    pub seconds: f64,
+    /// The bakes, in order.
+    pub steps: Vec<GoalStep>,
+}
+
+/// One bake of a search.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct GoalStep {
+    /// Voxels along the longest side.
+    pub grid: f64,
+    /// Form-factor rays a patch.
+    pub rays: u32,
+    /// Shadow rays a vertex.
+    pub point_samples: u32,
+    /// Estimated error of total light, as a share of its mean; `None` if the bake was stopped.
+    pub error: Option<f64>,
+    /// What the step before made expect; `None` for the first.
+    pub expected: Option<f64>,
+    /// Seconds.
+    pub seconds: f64,
 }
 
 /// One thing that was skipped.

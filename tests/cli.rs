@@ -278,3 +278,56 @@ fn check_tells_what_the_scene_holds() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stdout(&output).contains("14 triangles"), "{}", stdout(&output));
 }
+
+#[test]
+fn a_target_is_baked_to_and_the_search_is_told() {
+    let (folder, scene) = room();
+    let out = folder.path().join("out");
+    let run = |more: &[&str]| {
+        let paths = ["bake", scene.to_str().unwrap(), "-o", out.to_str().unwrap(), "--no-preview"];
+        let output = luxel(&[&paths, more].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let json: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(out.join("bake.json")).unwrap()).unwrap();
+        (stdout(&output), json)
+    };
+    let (text, json) = run(&["--target-error", "2 %"]);
+    assert!(text.contains("target reached: estimated"), "{text}");
+    let steps = json["goal"]["steps"].as_array().unwrap();
+    assert!(json["error"]["total"]["total"].as_f64().unwrap() <= 0.02);
+    assert_eq!((&json["goal"]["target_error"], &json["goal"]["reached"]), (&0.02.into(), &true.into()));
+    // The result is that of the last step.
+    assert_eq!(steps.last().unwrap()["error"], json["error"]["total"]["total"]);
+    assert_eq!(steps.last().unwrap()["rays"], json["settings"]["rays"]);
+    // What is said explicitly is kept, also where it forbids the target.
+    let (text, json) = run(&["--target-error", "0.01", "--grid", "4", "--rays", "16", "--point-samples", "4"]);
+    assert!(text.contains("target not reached: estimated") && text.contains("no settings promise less"), "{text}");
+    assert_eq!((&json["settings"]["resolution"]["grid"], &json["settings"]["rays"]), (&4.into(), &16.into()));
+    assert_eq!(json["goal"]["reached"], false);
+}
+
+#[test]
+fn quality_gives_way_to_explicit_settings_and_excludes_goals() {
+    let (folder, scene) = room();
+    let scene = scene.to_str().unwrap();
+    let forecast = |more: &[&str]| {
+        let output = luxel(&[&["check", scene], more].concat());
+        assert!(output.status.success());
+        let text = stdout(&output);
+        text.lines().find(|l| l.contains("voxels of")).unwrap().to_string()
+    };
+    assert_eq!(forecast(&["--quality", "default"]), forecast(&[]));
+    assert_ne!(forecast(&["--quality", "preview"]), forecast(&[]));
+    assert_eq!(forecast(&["--quality", "high", "--grid", "64"]), forecast(&[]));
+    let out = folder.path().join("out");
+    for wrong in [
+        &["--quality", "high", "--budget", "5s"][..],
+        &["--target-error", "1%", "--no-estimate"],
+        &["--target-error", "0"],
+        &["--budget", "5"],
+        &["--quality", "best"],
+    ] {
+        let output = luxel(&[&["bake", scene, "-o", out.to_str().unwrap()], wrong].concat());
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+}

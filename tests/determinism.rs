@@ -37,6 +37,7 @@ fn bytes(bake: &Bake) -> Vec<u8> {
     ];
     let mut all: Vec<u8> =
         vectors.into_iter().flatten().flat_map(|v| v.to_array()).flat_map(f32::to_le_bytes).collect();
+    all.extend(bake.error.iter().flat_map(|e| &e.total).flat_map(|e| e.to_le_bytes()));
     all.extend(bake.mesh.triangles.iter().flatten().flat_map(|v| v.to_le_bytes()));
     for i in 0..bake.patches().len() {
         for (j, f) in bake.form_factors.row(i) {
@@ -71,6 +72,8 @@ fn every_mode_gives_the_same_bytes_with_any_number_of_threads() {
         BakeOptions { primary: Primary::Radiosity, ..options(10, 64) },
         BakeOptions { reconstruct: Reconstruct::Nearest4, ..faces(options(10, 64)) },
         BakeOptions { skip_unreached: false, ..options(10, 64) },
+        BakeOptions { estimate: true, ..options(10, 64) },
+        BakeOptions { estimate: true, primary: Primary::Radiosity, ..faces(options(10, 64)) },
     ];
     for options in modes {
         let one = with_threads(1, &options);

@@ -19,6 +19,7 @@ struct Builder(Scene);
 impl Builder {
     fn new() -> Builder {
         Builder(Scene {
+            proxy: None,
             name: "test".into(),
             frame: Frame { origin: DVec3::ZERO, scale: 1.0 },
             positions: vec![],

@@ -52,8 +52,8 @@ pub(super) struct Secondary {
     pub smooth: Vec<Vec3>,
     /// Reflected radiosity, W/m2.
     pub radiosity: Vec<Vec3>,
-    /// The part of it that goes by form factors: `smooth` is the light of these.
-    pub unsent: Vec<Vec3>,
+    /// The part of it that goes on by form factors: `smooth` is the light of it.
+    pub carried: Vec<Vec3>,
 }
 
 /// Points on patches that are made at once, to bound their memory.
@@ -154,12 +154,12 @@ impl Exchange<'_> {
         let solution = solve::solve(f, &albedo, &source, self.options.tolerance);
         let smooth: Vec<Vec3> = solution.irradiance.iter().map(|&e| vec3(e)).collect();
         let indirect = add(sent, Some(smooth.clone()));
-        let unsent: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
-        let mut radiosity = unsent.clone();
+        let carried: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
+        let mut radiosity = carried.clone();
         for &i in bright.iter().flat_map(|b| &b.patches.patches) {
             radiosity[i as usize] += vec3(primary.source[i as usize]);
         }
-        (Secondary { indirect, smooth, radiosity, unsent }, solution)
+        (Secondary { indirect, smooth, radiosity, carried }, solution)
     }
 
     fn sampled(&self, lights: &LightSet) -> (Vec<Vec3>, u64) {

@@ -5,6 +5,7 @@ use glam::Vec3;
 use super::exchange::add;
 use crate::{
     BakeOptions,
+    estimate::VertexError,
     light::{self, LightSet},
     options::Reconstruct,
     progress::Progress,
@@ -57,16 +58,18 @@ pub struct Bake {
     pub light: PatchLight,
     /// What was measured.
     pub report: Report,
-    pub(super) options: BakeOptions,
-    pub(super) lights: LightSet,
+    /// Standard error of the light at the vertices of `mesh`; `None` if none was asked for.
+    pub error: Option<VertexError>,
+    pub(crate) options: BakeOptions,
+    pub(crate) lights: LightSet,
     /// Bright patches, whose first reflection lights vertices and points as lamps do.
-    pub(super) bright: Option<LightSet>,
+    pub(crate) bright: Option<LightSet>,
     /// Irradiance of the patches straight from emitting patches; `None` where emitters are sampled as lights.
-    pub(super) glow: Option<Vec<Vec3>>,
+    pub(crate) glow: Option<Vec<Vec3>>,
     /// Indirect irradiance of the patches without what the bright ones send.
-    pub(super) smooth: Vec<Vec3>,
-    /// Reflected radiosity without what bright patches send: what `smooth` is the light of.
-    pub(super) unsent: Vec<Vec3>,
+    pub(crate) smooth: Vec<Vec3>,
+    /// Radiosity of the patches that goes on by form factors, W/m2.
+    pub(crate) carried: Vec<Vec3>,
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
@@ -144,7 +147,7 @@ impl Bake {
             };
             let glow = self.glow.as_ref().map(|glow| self.interpolate(block, glow, &self.patches().emitted));
             all.direct.extend(add(lit(&self.lights), glow));
-            let smooth = self.interpolate(block, &self.smooth, &self.unsent);
+            let smooth = self.interpolate(block, &self.smooth, &self.carried);
             all.indirect.extend(add(smooth, self.bright.as_ref().map(lit)));
             progress.advance(block.len() as u64);
         }
@@ -152,12 +155,13 @@ impl Bake {
         all
     }
 
-    /// Carries `values` of the patches to points; `exitance` is what the values are the light of.
-    fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3], exitance: &[Vec3]) -> Vec<Vec3> {
+    /// Carries `values` of the patches to points that stand clear of walls; `exitance` is what the values are the light of.
+    pub(crate) fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3], exitance: &[Vec3]) -> Vec<Vec3> {
         reconstruct::interpolate(&self.field(values, exitance), self.options.reconstruct, points)
     }
 
-    fn field<'a>(&'a self, values: &'a [Vec3], exitance: &'a [Vec3]) -> Field<'a> {
+    /// Values of the patches as a field.
+    pub(crate) fn field<'a>(&'a self, values: &'a [Vec3], exitance: &'a [Vec3]) -> Field<'a> {
         Field {
             simplified: &self.simplified,
             index: &self.index,

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use crate::{
-    Scene,
+    Error, Result, Scene,
     light::LampPower,
     report::{Counts, Energy, Rays, Report, RowSums, Skipped, Solver, Stage},
     solve::Solution,
@@ -16,22 +16,29 @@ use super::Bake;
 pub(super) struct Clock {
     last: Instant,
     stages: Vec<Stage>,
+    deadline: Option<Instant>,
 }
 
 impl Clock {
-    pub fn new() -> Clock {
-        Clock { last: Instant::now(), stages: Vec::new() }
+    pub fn new(deadline: Option<Instant>) -> Clock {
+        Clock { last: Instant::now(), stages: Vec::new(), deadline }
     }
 
     /// Ends a stage, or a part of it; its seconds.
-    pub fn stop(&mut self, name: &'static str) -> f64 {
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] if the deadline is over.
+    pub fn stop(&mut self, name: &'static str) -> Result<f64> {
         let seconds = self.last.elapsed().as_secs_f64();
         match self.stages.iter_mut().find(|stage| stage.name == name) {
             Some(stage) => stage.seconds += seconds,
             None => self.stages.push(Stage { name, seconds }),
         }
         self.last = Instant::now();
-        seconds
+        match self.deadline {
+            Some(deadline) if self.last > deadline => Err(Error::Stopped(name.into())),
+            _ => Ok(seconds),
+        }
     }
 }
 

@@ -1,11 +1,11 @@
 //! The options that every baking command takes.
 
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
 use clap::{Args, ValueEnum};
 use glam::{DVec3, Vec3};
 use luxel::{
-    BakeOptions, Error, Result, Scene,
+    BakeOptions, Error, Goal, Quality, Result, Scene,
     options::{Backend, FaceColour, PatchSource, Primary, Reconstruct, Resolution},
     scene::{SceneOverrides, SidesRule},
 };
@@ -30,6 +30,9 @@ pub struct BakeArgs {
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Bake settings")]
 struct Settings {
+    /// Grid, rays and samples that go well together [default: default]
+    #[arg(long, value_enum)]
+    quality: Option<Preset>,
     /// Voxels along the longest side of the scene, 2 to 4096 [default: 64]
     #[arg(long, value_name = "N", value_parser = parse::grid, conflicts_with = "voxel", allow_hyphen_values = true)]
     grid: Option<u32>,
@@ -85,6 +88,24 @@ struct Settings {
     /// Trace also the patches that no light can reach
     #[arg(long)]
     no_skip: bool,
+    /// Do not estimate the error of the result
+    #[arg(long)]
+    no_estimate: bool,
+}
+
+/// What is asked of the result: settings are found by baking, first coarsely. Explicit --grid, --voxel, --rays and
+/// --point-samples are kept.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Goal")]
+pub struct Goals {
+    /// Bake until the estimated error of the total light is at most P % of its mean
+    #[arg(long, value_name = "P%", value_parser = parse::percent, allow_hyphen_values = true,
+        conflicts_with_all = ["quality", "no_estimate"])]
+    target_error: Option<f64>,
+    /// Bake as well as the time allows, such as 30s, 5m or 1h; pictures and files not counted
+    #[arg(long, value_name = "TIME", value_parser = parse::time, allow_hyphen_values = true,
+        conflicts_with_all = ["quality", "no_estimate"])]
+    budget: Option<Duration>,
 }
 
 /// Added to the lights of the scene.
@@ -162,7 +183,22 @@ impl BakeArgs {
         let (scene, file) = luxel::scene::load(&self.scene, &self.overrides())?;
         let mut base = BakeOptions::default();
         file.apply(&mut base);
+        if let Some(quality) = self.settings.quality {
+            Quality::from(quality).apply(&mut base);
+        }
         Ok(Job { scene, options: self.options(base), threads: self.running.threads.or(file.threads) })
+    }
+
+    /// What is asked of the bake.
+    pub fn goal(&self, goals: &Goals) -> Goal {
+        let s = &self.settings;
+        Goal {
+            target_error: goals.target_error,
+            budget: goals.budget,
+            fixed_resolution: s.grid.is_some() || s.voxel.is_some(),
+            fixed_rays: s.rays.is_some(),
+            fixed_samples: s.point_samples.is_some(),
+        }
     }
 
     fn options(&self, base: BakeOptions) -> BakeOptions {
@@ -185,6 +221,7 @@ impl BakeArgs {
             tolerance: s.tolerance.unwrap_or(base.tolerance),
             seed: s.seed.unwrap_or(base.seed),
             skip_unreached: base.skip_unreached && !s.no_skip,
+            estimate: base.estimate && !s.no_estimate,
         }
     }
 
@@ -216,6 +253,14 @@ macro_rules! choice {
     };
 }
 
+choice!(Preset for Quality {
+    /// A quick look: grid 32, 128 rays
+    Preview,
+    /// Grid 64, 256 rays
+    Default,
+    /// Grid 96, 1024 rays
+    High,
+});
 choice!(Patches for PatchSource {
     /// Pieces of the real surfaces, grouped by voxel and direction
     Surfels,

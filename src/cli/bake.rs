@@ -25,7 +25,7 @@ use luxel::{
 };
 
 use super::{
-    args::{BakeArgs, Job},
+    args::{BakeArgs, Goals, Job},
     parse,
     progress::{Style, Terminal},
     say,
@@ -38,6 +38,8 @@ pub struct Args {
     output: PathBuf,
     #[command(flatten)]
     picture: Picture,
+    #[command(flatten)]
+    goals: Goals,
     #[command(flatten)]
     bake: BakeArgs,
 }
@@ -68,11 +70,12 @@ struct Picture {
 pub fn run(args: &Args) -> Result<()> {
     let job = args.bake.load()?;
     let scene = &job.scene;
+    let goal = args.bake.goal(&args.goals);
     let running = &args.bake.running;
     let staged = Staged::open(&args.output)?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let mut bake = luxel::bake(scene, &job.options, &progress)?;
+        let mut bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
         let picture = (!args.picture.no_preview).then(|| {
             let begun = Instant::now();
             let camera = args.picture.camera(scene, &bake);
@@ -123,8 +126,9 @@ fn write(
     let begun = Instant::now();
     let scene = &job.scene;
     let voxel_size = bake.report.counts.voxel_size;
-    staged
-        .write("vertices.ply", |out| ply::write_vertices(out, &bake.mesh, &bake.vertices, &scene.frame, voxel_size))?;
+    staged.write("vertices.ply", |out| {
+        ply::write_vertices(out, &bake.mesh, &bake.vertices, bake.error.as_ref(), &scene.frame, voxel_size)
+    })?;
     let lit = LitMesh::new(scene, &bake.mesh, &bake.vertices);
     let exposed = |automatic: ToneMap| args.picture.exposure.map_or(automatic, |exposure| ToneMap { exposure });
     let tone = exposed(lit.tone());

@@ -1,6 +1,6 @@
 //! Values of the command line, with messages that say what would be right.
 
-use std::str::FromStr;
+use std::{str::FromStr, time::Duration};
 
 use glam::{DVec3, Vec3};
 
@@ -37,6 +37,22 @@ pub fn threshold(text: &str) -> Parsed<f32> {
 pub fn view_angle(text: &str) -> Parsed<f64> {
     let x = number(text)?;
     if (1.0..=170.0).contains(&x) { Ok(x) } else { Err("must be from 1 to 170 degrees".into()) }
+}
+
+/// A share, `0.5%` or `0.5`, above zero; 100 % is 1.
+pub fn percent(text: &str) -> Parsed<f64> {
+    Ok(positive(text.trim().trim_end_matches('%'))? / 100.0)
+}
+
+/// A time above zero: `30s`, `5m`, `1.5h`.
+pub fn time(text: &str) -> Parsed<Duration> {
+    let text = text.trim();
+    let units = [("s", 1.0), ("m", 60.0), ("h", 3600.0)];
+    let (value, unit) = units
+        .into_iter()
+        .find_map(|(name, unit)| Some((text.strip_suffix(name)?, unit)))
+        .ok_or("expected a time with its unit, such as 30s, 5m or 1h")?;
+    Duration::try_from_secs_f64(positive(value)? * unit).map_err(|_| "is too long".into())
 }
 
 /// Voxels on the longest side.
@@ -154,6 +170,13 @@ mod tests {
     }
 
     #[test]
+    fn shares_and_times_have_units() {
+        assert_eq!([percent("2%"), percent(" 0.5 % "), percent("100")], [Ok(0.02), Ok(0.005), Ok(1.0)]);
+        let seconds = |text| time(text).map(|t| t.as_secs_f64());
+        assert_eq!([seconds("30s"), seconds("5m"), seconds("1.5h")], [Ok(30.0), Ok(300.0), Ok(5400.0)]);
+    }
+
+    #[test]
     fn wrong_values_are_told_what_would_be_right() {
         let message = |r: Parsed<()>| r.unwrap_err();
         assert_eq!(message(rays("100").map(drop)), "must be a power of two, such as 64 or 128");
@@ -169,6 +192,11 @@ mod tests {
         assert_eq!(message(positive("-0").map(drop)), "must be above 0");
         assert_eq!(message(size("640").map(drop)), "expected WIDTHxHEIGHT, such as 640x480");
         assert_eq!(message(number("1,5").map(drop)), "\"1,5\" is not a number");
+        assert_eq!(message(percent("0%").map(drop)), "must be above 0");
+        assert_eq!(message(percent("one").map(drop)), "\"one\" is not a number");
+        assert_eq!(message(time("30").map(drop)), "expected a time with its unit, such as 30s, 5m or 1h");
+        assert_eq!(message(time("-1s").map(drop)), "must be above 0");
+        assert_eq!(message(time("1e99h").map(drop)), "is too long");
         assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
     }
 }

@@ -15,7 +15,7 @@ use luxel::{
 };
 
 use super::{
-    args::BakeArgs,
+    args::{BakeArgs, Goals},
     progress::{Style, Terminal},
     say,
 };
@@ -28,6 +28,8 @@ pub struct Args {
     /// CSV file to write, irradiance in W/m2
     #[arg(long, short, value_name = "OUT.csv")]
     output: PathBuf,
+    #[command(flatten)]
+    goals: Goals,
     #[command(flatten)]
     bake: BakeArgs,
 }
@@ -44,12 +46,13 @@ pub fn run(args: &Args) -> Result<()> {
     let points = parse(&args.at, &text)?;
     let job = args.bake.load()?;
     let scene = &job.scene;
+    let goal = args.bake.goal(&args.goals);
     let (folder, name) = split(&args.output)?;
     let mut staged = Staged::open(folder)?;
     let running = &args.bake.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let (bake, light) = job.on_threads(|| {
-        let bake = luxel::bake(scene, &job.options, &progress)?;
+        let bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
         let local = |p: &Point| SurfacePoint {
             position: scene.frame.to_local(p.position),
             normal: p.normal.as_vec3().normalize(),

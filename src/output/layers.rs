@@ -58,8 +58,11 @@ fn certificate(report: &Report) -> Vec<(String, ExrAttribute)> {
         ("energyImbalanceG", report.energy.imbalance[1]),
         ("energyImbalanceB", report.energy.imbalance[2]),
     ];
+    let errors = report.error.iter().flat_map(|e| {
+        [("errorDirect", e.direct.total), ("errorIndirect", e.indirect.total), ("errorTotal", e.total.total)]
+    });
     let texts = texts.into_iter().map(|(name, text)| (name, ExrAttribute::Text(text)));
-    let numbers = numbers.into_iter().map(|(name, number)| (name, ExrAttribute::Float(number as f32)));
+    let numbers = numbers.into_iter().chain(errors).map(|(name, number)| (name, ExrAttribute::Float(number as f32)));
     texts.chain(numbers).map(|(name, value)| (format!("luxel.{name}"), value)).collect()
 }
 
@@ -88,6 +91,7 @@ mod tests {
         };
         let mut report = Report { settings: Some(BakeOptions { seed: 7, ..Default::default() }), ..Default::default() };
         report.solver.residual = 0.5;
+        report.error = Some(crate::report::ErrorReport::default());
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("preview.exr");
         exr::write(&path, &image(&preview, &report), Compression::Zip).unwrap();
@@ -104,6 +108,7 @@ mod tests {
         let attribute = |name: &str| back.attributes.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone());
         assert_eq!(attribute("luxel.seed"), Some(ExrAttribute::Text("7".into())));
         assert_eq!(attribute("luxel.residual"), Some(ExrAttribute::Float(0.5)));
+        assert_eq!(attribute("luxel.errorTotal"), Some(ExrAttribute::Float(0.0)));
         let Some(ExrAttribute::Text(settings)) = attribute("luxel.settings") else { panic!("no settings") };
         assert!(settings.contains("\"rays\":256"), "{settings}");
     }

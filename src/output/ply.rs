@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use super::tonemap::ToneMap;
 use crate::{
     bake::{Irradiance, PatchLight},
+    estimate::VertexError,
     sampling,
     scene::Frame,
     simplify::{Patches, SplitMesh},
@@ -16,7 +17,8 @@ use crate::{
 const ROUNDING: f64 = 1e-3;
 
 /// Writes the split mesh in world coordinates. Each vertex has `x y z nx ny nz`, irradiance `direct_r/g/b` and
-/// `indirect_r/g/b` in W/m2, and `albedo_r/g/b`.
+/// `indirect_r/g/b` in W/m2, and `albedo_r/g/b`; with `error` also `error_direct`, `error_indirect` and `error`, the
+/// standard errors of the luminance of direct, indirect and all irradiance, W/m2.
 ///
 /// Coordinates are `float`, or `double` where float would move them by a thousandth of `voxel_size` (world).
 ///
@@ -26,6 +28,7 @@ pub fn write_vertices(
     out: &mut dyn Write,
     mesh: &SplitMesh,
     light: &Irradiance,
+    error: Option<&VertexError>,
     frame: &Frame,
     voxel_size: f64,
 ) -> io::Result<()> {
@@ -37,11 +40,17 @@ pub fn write_vertices(
     for name in ["direct", "indirect", "albedo"] {
         declare_rgb(out, name)?;
     }
+    if error.is_some() {
+        declare(out, "float", &["error_direct", "error_indirect", "error"])?;
+    }
     writeln!(out, "element face {}\nproperty list uchar uint vertex_indices\nend_header", mesh.triangles.len())?;
     for (i, &position) in mesh.positions.iter().enumerate() {
         coordinates.write(out, frame.to_world(position))?;
         for values in [mesh.normals[i], light.direct[i], light.indirect[i], mesh.albedo[i]] {
             write_vec3(out, values)?;
+        }
+        if let Some(e) = error {
+            write_vec3(out, Vec3::new(e.direct[i], e.indirect[i], e.total[i]))?;
         }
     }
     mesh.triangles.iter().try_for_each(|t| write_indices(out, t))
@@ -224,7 +233,7 @@ mod tests {
     fn vertices_are_in_the_world_with_their_light() {
         let (mesh, light) = square();
         let mut file = Vec::new();
-        write_vertices(&mut file, &mesh, &light, &FRAME, 0.1).unwrap();
+        write_vertices(&mut file, &mesh, &light, None, &FRAME, 0.1).unwrap();
         let (elements, start) = header(&file);
         let (name, count, properties) = &elements[0];
         assert_eq!((name.as_str(), *count, properties.len()), ("vertex", 4, 15));
@@ -241,11 +250,24 @@ mod tests {
     }
 
     #[test]
+    fn errors_stand_behind_the_light_that_they_are_of() {
+        let (mesh, light) = square();
+        let column = |k: f32| (0..4).map(|i| k + i as f32).collect::<Vec<f32>>();
+        let error = VertexError { direct: column(10.0), indirect: column(20.0), total: column(30.0) };
+        let mut file = Vec::new();
+        write_vertices(&mut file, &mesh, &light, Some(&error), &FRAME, 0.1).unwrap();
+        let (elements, start) = header(&file);
+        let names: Vec<&str> = elements[0].2[15..].iter().map(|(_, name)| name.as_str()).collect();
+        assert_eq!(names, ["error_direct", "error_indirect", "error"]);
+        assert_eq!(floats(&file[start + 2 * 72 + 60..start + 3 * 72]), [12.0, 22.0, 32.0]);
+    }
+
+    #[test]
     fn coordinates_far_from_the_origin_are_written_in_double() {
         let (mesh, light) = square();
         let far = Frame { origin: DVec3::new(1e7, 0.0, 0.0), scale: 4.0 };
         let mut file = Vec::new();
-        write_vertices(&mut file, &mesh, &light, &far, 0.1).unwrap();
+        write_vertices(&mut file, &mesh, &light, None, &far, 0.1).unwrap();
         let (elements, start) = header(&file);
         assert_eq!(elements[0].2[0], ("double".to_string(), "x".to_string()));
         let x = |i: usize| f64::from_le_bytes(file[start + 72 * i..][..8].try_into().unwrap());

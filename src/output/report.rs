@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::{
     Scene,
-    report::{Energy, Report},
+    report::{Energy, ErrorReport, GoalReport, Report},
     scene::Camera,
 };
 
@@ -108,6 +108,12 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         ),
     );
     line("power", energy(&report.energy));
+    if let Some(e) = &report.error {
+        line("error", error(e));
+    }
+    if let Some(g) = &report.goal {
+        line("goal", goal(g, report.error.as_ref()));
+    }
     let stages: Vec<String> = report.stages.iter().map(|s| format!("{} {:.2}", s.name, s.seconds)).collect();
     let total: f64 = report.stages.iter().map(|s| s.seconds).sum();
     line("seconds", format!("{total:.2}: {}", stages.join(", ")));
@@ -124,6 +130,29 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         line("warning", warning.clone());
     }
     text
+}
+
+fn goal(g: &GoalReport, e: Option<&ErrorReport>) -> String {
+    let verdict = match g.reached {
+        Some(true) => "target reached: ",
+        Some(false) => "target not reached: ",
+        None => "",
+    };
+    let estimated = 100.0 * e.map_or(f64::NAN, |e| e.total.total);
+    let count = g.steps.len();
+    format!("{verdict}estimated {estimated:.2} % after {count} bakes in {:.2} s; {}", g.seconds, g.ended)
+}
+
+fn error(e: &ErrorReport) -> String {
+    let percent = |x: f64| format!("{:.2} %", 100.0 * x);
+    format!(
+        "total {} (direct {}, indirect {}: noise {}, grid {})",
+        percent(e.total.total),
+        percent(e.direct.total),
+        percent(e.indirect.total),
+        percent(e.indirect.noise),
+        percent(e.indirect.discretisation)
+    )
 }
 
 fn energy(e: &Energy) -> String {
@@ -161,7 +190,10 @@ pub fn peak_memory_bytes() -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BakeOptions, report::Stage};
+    use crate::{
+        BakeOptions,
+        report::{GoalStep, Stage},
+    };
 
     #[test]
     fn the_record_is_flat_json_with_the_command() {
@@ -185,7 +217,10 @@ mod tests {
 
     #[test]
     fn every_field_of_the_record_is_documented() {
-        let report = Report { settings: Some(BakeOptions::default()), ..Default::default() };
+        let settings = Some(BakeOptions::default());
+        let report = Report { settings, error: Some(ErrorReport::default()), ..Default::default() };
+        let goal = Some(GoalReport { steps: vec![GoalStep::default()], ..Default::default() });
+        let report = Report { goal, ..report };
         let camera = Camera {
             position: Default::default(),
             target: Default::default(),
@@ -197,6 +232,7 @@ mod tests {
         let page = include_str!("../../docs/BAKE_JSON.md");
         let mut left = vec![&json];
         while let Some(value) = left.pop() {
+            left.extend(value.as_array().into_iter().flatten());
             for (key, inner) in value.as_object().into_iter().flatten() {
                 assert!(page.contains(&format!("`{key}`")), "docs/BAKE_JSON.md lacks `{key}`");
                 left.push(inner);

@@ -64,6 +64,8 @@ pub struct FileSettings {
     pub seed: Option<u64>,
     /// See [`BakeOptions::skip_unreached`].
     pub skip_unreached: Option<bool>,
+    /// See [`BakeOptions::estimate`].
+    pub estimate: Option<bool>,
     /// Threads to use.
     pub threads: Option<usize>,
     /// Which sides of surfaces count; [`super::load`] has applied it.
@@ -93,6 +95,7 @@ impl FileSettings {
         set(&mut options.tolerance, self.tolerance);
         set(&mut options.seed, self.seed);
         set(&mut options.skip_unreached, self.skip_unreached);
+        set(&mut options.estimate, self.estimate);
     }
 }
 

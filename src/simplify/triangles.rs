@@ -51,7 +51,7 @@ pub(super) fn simplified(scene: &Scene, grid: Grid, mut mesh: Mesh, size: f32, t
         groups.extend((0..sides).map(|side| vec![(k as u32) << 1 | side]));
     }
     let colours = colours(scene, &geometry, &groups, tracer);
-    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours);
+    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours, grid.voxel_size as f32);
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
 }

@@ -165,7 +165,7 @@ pub fn rotation() -> DAffine3 {
 }
 
 pub fn options(grid: u32, rays: u32) -> BakeOptions {
-    BakeOptions { resolution: Resolution::Grid(grid), rays, ..BakeOptions::default() }
+    BakeOptions { resolution: Resolution::Grid(grid), rays, estimate: false, ..BakeOptions::default() }
 }
 
 pub fn faces(options: BakeOptions) -> BakeOptions {

@@ -1,0 +1,164 @@
+//! What bakes say of their own error against what it is: the estimate of every bake beside its difference from paths
+//! traced at the same vertices.
+//!
+//! `cargo bench --bench calibration -- [SCENE ...] [--paths N] [--points N] [--only preview|default|high]`; without scenes
+//! the Cornell box, a room with curved surfaces, two rooms, and those of `../shared/scenes` that are there.
+
+use std::path::{Path, PathBuf};
+
+use glam::{DVec3, Vec3};
+use luxel::{
+    BakeOptions, Quality, Scene,
+    bake::Bake,
+    compare::{self, Difference},
+    progress::Silent,
+    reference::{self, Reference, ReferenceOptions, Until},
+    report::ErrorParts,
+    sampling,
+    scene::{self, RAY_OFFSET, SceneOverrides, SurfacePoint},
+    trace::{Hit, RayBatch},
+};
+
+struct Job {
+    path: PathBuf,
+    overrides: SceneOverrides,
+}
+
+fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let (mut jobs, mut paths, mut points, mut only) = (Vec::new(), 4096, 1000, None);
+    while let Some(argument) = arguments.next() {
+        let mut number = || arguments.next().and_then(|n| n.parse().ok()).expect("a number");
+        match argument.as_str() {
+            "--bench" => {}
+            "--paths" => paths = number(),
+            "--points" => points = number(),
+            "--only" => only = arguments.next(),
+            scene => jobs.push(Job::new(scene)),
+        }
+    }
+    if jobs.is_empty() {
+        jobs = suite();
+    }
+    println!("| scene | quality | light | true error | estimated | true / estimated | noise | grid | seconds |");
+    println!("|-|-|-|-|-|-|-|-|-|");
+    for job in jobs {
+        if let Err(error) = job.run(paths, points as usize, only.as_deref()) {
+            println!("{}: {error}", job.path.display());
+        }
+    }
+    println!("{} threads; {points} vertices chosen by area, {paths} paths each, their noise subtracted", threads());
+}
+
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn suite() -> Vec<Job> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let own = ["cornell", "curved_room", "two_rooms"].map(|name| root.join(format!("scenes/{name}.toml")));
+    let shared = ["cornell_mcguire/CornellBox-Sphere.obj", "veach_ajar/veach_ajar.obj", "godot_room/room.glb"]
+        .map(|name| root.join("../shared/scenes").join(name));
+    let all = own.into_iter().chain(shared);
+    all.filter(|path| path.exists()).map(|path| Job::new(&path.to_string_lossy())).collect()
+}
+
+impl Job {
+    fn new(path: &str) -> Job {
+        let mut overrides = SceneOverrides::default();
+        // It has no light of its own.
+        if path.ends_with("godot_room/room.glb") {
+            overrides.points = vec![(DVec3::new(0.0, 4.0, 0.0), Vec3::splat(20.0))];
+        }
+        Job { path: path.into(), overrides }
+    }
+
+    fn run(&self, paths: u32, points: usize, only: Option<&str>) -> luxel::Result<()> {
+        let scene = scene::load(&self.path, &self.overrides)?.0;
+        for (name, quality) in [("preview", Quality::Preview), ("default", Quality::Default), ("high", Quality::High)] {
+            if only.is_some_and(|only| only != name) {
+                continue;
+            }
+            let mut options = BakeOptions::default();
+            quality.apply(&mut options);
+            let bake = luxel::bake(&scene, &options, &Silent)?;
+            row(&scene, &bake, name, paths, points)?;
+        }
+        Ok(())
+    }
+}
+
+fn row(scene: &Scene, bake: &Bake, quality: &str, paths: u32, count: usize) -> luxel::Result<()> {
+    let chosen = visible(scene, bake, by_area(bake, count));
+    let points: Vec<SurfacePoint> = chosen.iter().map(|&v| bake.mesh.samples[v]).collect();
+    let options = ReferenceOptions { until: Until::Samples(paths), seed: 1 };
+    let truth = reference::irradiance(scene, bake.tracer(), &points, &options, &Silent)?;
+    let error = bake.report.error.as_ref().expect("the bake made an estimate");
+    let at = |values: &[Vec3]| chosen.iter().map(|&v| values[v]).collect::<Vec<Vec3>>();
+    let sum = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| *a + *b).collect::<Vec<Vec3>>();
+    let (direct, indirect) = (at(&bake.vertices.direct), at(&bake.vertices.indirect));
+    let Reference { direct: d, indirect: i, direct_error, indirect_error, luminance_error, .. } = &truth;
+    let seconds: f64 = bake.report.stages.iter().map(|s| s.seconds).sum();
+    let rows = [
+        ("direct", difference(&direct, d, &bands(direct_error)), &error.direct),
+        ("indirect", difference(&indirect, i, &bands(indirect_error)), &error.indirect),
+        ("total", difference(&sum(&direct, &indirect), &sum(d, i), luminance_error), &error.total),
+    ];
+    for (light, is, said) in rows {
+        print_row(&scene.name, quality, light, &is, said, seconds);
+    }
+    Ok(())
+}
+
+fn print_row(scene: &str, quality: &str, light: &str, is: &Difference, said: &ErrorParts, seconds: f64) {
+    let percent = |x: f64| format!("{:.2}", 100.0 * x);
+    let [rmse, total, noise, grid] = [is.rmse, said.total, said.noise, said.discretisation].map(percent);
+    println!(
+        "| {scene} | {quality} | {light} | {rmse} | {total} | {:.2} | {noise} | {grid} | {seconds:.2} |",
+        is.rmse / said.total
+    );
+}
+
+/// Luminance of standard errors whose bands see the same paths: an upper bound, exact where colours are alike.
+fn bands(errors: &[Vec3]) -> Vec<f64> {
+    errors.iter().map(|e| compare::luminance(*e)).collect()
+}
+
+fn difference(values: &[Vec3], truth: &[Vec3], errors: &[f64]) -> Difference {
+    let bright = |v: &[Vec3]| v.iter().map(|e| compare::luminance(*e)).collect::<Vec<f64>>();
+    compare::difference(&bright(values), &bright(truth), Some(errors))
+}
+
+/// Without those inside of objects, such as the floor under a block: nobody sees what light they have.
+fn visible(scene: &Scene, bake: &Bake, mut vertices: Vec<usize>) -> Vec<usize> {
+    let mut rays = RayBatch::default();
+    for &v in &vertices {
+        let SurfacePoint { position, normal } = bake.mesh.samples[v];
+        rays.push(position + RAY_OFFSET * normal, normal, 0.0, f32::INFINITY);
+    }
+    let mut hits = vec![Hit::NONE; rays.len()];
+    bake.tracer().closest_hits(&rays, &mut hits);
+    let inside = |h: &Hit| h.is_hit() && h.is_back() && !scene.triangles[h.triangle()].two_sided;
+    let mut hits = hits.iter();
+    vertices.retain(|_| !hits.next().is_some_and(inside));
+    vertices
+}
+
+/// Vertices in proportion to the area around them, so that plain means over them are means over the surfaces.
+fn by_area(bake: &Bake, count: usize) -> Vec<usize> {
+    let mut sums = vec![0.0; bake.mesh.positions.len()];
+    for t in &bake.mesh.triangles {
+        let [a, b, c] = t.map(|v| bake.mesh.positions[v as usize].as_dvec3());
+        t.iter().for_each(|&v| sums[v as usize] += (b - a).cross(c - a).length());
+    }
+    let mut all = 0.0;
+    sums.iter_mut().for_each(|s| {
+        all += *s;
+        *s = all;
+    });
+    let strata = (0..count).map(|k| {
+        let random = (sampling::hash(&[0x6361_6c69, k as u64]) >> 11) as f64 / (1u64 << 53) as f64;
+        all * (k as f64 + random) / count as f64
+    });
+    strata.map(|x| sums.partition_point(|&s| s <= x).min(sums.len() - 1)).collect()
+}
