@@ -279,8 +279,8 @@ fn every_light() -> Vec<(&'static str, Stage)> {
                     position: above,
                     direction: down,
                     intensity: white,
-                    inner: 0.3,
-                    outer: 0.9,
+                    inner: 15.0,
+                    outer: 50.0,
                     range: f64::INFINITY,
                 },
                 false,
@@ -326,6 +326,9 @@ fn direct_light_of_every_kind_is_that_of_the_baker() {
             squares += sigmas * sigmas;
         }
         assert_squares(what, squares, points.len());
+        let lit = r.direct.iter().filter(|e| e.x > 0.0).count();
+        println!("{what}: {lit} points lit, {:.3?}", r.direct.iter().map(|e| e.x).collect::<Vec<_>>());
+        assert!(lit >= 3, "{what}: {lit} points lit");
         assert!(r.relative_error < 0.02, "{what}: {}", r.relative_error);
     }
 }
@@ -349,7 +352,7 @@ fn all_backends_trace_the_same_paths() {
 fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
     let (_, stage) = every_light().pop().unwrap();
     let points: Vec<_> = (0..40).flat_map(|_| furnished_points(&stage)).collect();
-    let until = Until::StandardError { relative: 0.02, most: 1000 };
+    let until = Until::StandardError { relative: 0.08, most: 4000 };
     let on = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| traced_on(Backend::Auto, &stage, &points, &ReferenceOptions { until, seed }))
@@ -358,7 +361,7 @@ fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
     assert_eq!((&one.direct, &one.indirect, &one.total_error), (&five.direct, &five.indirect, &five.total_error));
     assert_eq!((one.samples, one.rays), (five.samples, five.rays));
     assert_ne!(one.indirect, other.indirect);
-    assert!(one.converged && one.relative_error <= 0.02, "{}", one.relative_error);
+    assert!(one.converged && one.relative_error <= 0.08, "{}", one.relative_error);
 }
 
 #[test]

@@ -77,7 +77,7 @@ fn summary(backend: &str, r: &Reference) -> String {
          {:.0} % of the time in {backend}\n{:<14}{:.2} s\n",
         "paths",
         r.samples,
-        "standard error",
+        "std error",
         100.0 * r.relative_error,
         "rays",
         r.rays as f64 * 1e-6,
