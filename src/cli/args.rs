@@ -26,6 +26,35 @@ pub struct BakeArgs {
     pub running: Running,
 }
 
+/// A scene and its lights, without the settings of a bake.
+#[derive(Args, Debug)]
+pub struct SceneArgs {
+    /// The scene: an OBJ, glTF or GLB file, or a scene file (.toml)
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    #[command(flatten)]
+    tracing: Tracing,
+    #[command(flatten)]
+    lights: Lights,
+    #[command(flatten)]
+    pub running: Running,
+}
+
+/// The settings that are not those of a bake alone.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Tracing")]
+struct Tracing {
+    /// Ray tracer [default: auto]
+    #[arg(long, value_enum)]
+    backend: Option<Tracer>,
+    /// Which sides of surfaces receive light [default: auto]
+    #[arg(long, value_enum)]
+    sides: Option<Sides>,
+    /// Seed of all random numbers [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
 /// What is not given here is taken from the scene file's [bake] table, else from the defaults.
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Bake settings")]
@@ -180,7 +209,7 @@ impl BakeArgs {
         {
             return Err(Error::Option("--proxy gives the patches: leave --patches out, or make it proxy".into()));
         }
-        let (scene, file) = luxel::scene::load(&self.scene, &self.overrides())?;
+        let (scene, file) = luxel::scene::load(&self.scene, &self.lights.overrides(self.settings.sides, self.settings.proxy.as_ref()))?;
         let mut base = BakeOptions::default();
         file.apply(&mut base);
         if let Some(quality) = self.settings.quality {
@@ -224,17 +253,34 @@ impl BakeArgs {
             estimate: base.estimate && !s.no_estimate,
         }
     }
+}
 
-    fn overrides(&self) -> SceneOverrides {
+impl SceneArgs {
+    /// Loads the scene; of the options only backend and seed have a meaning.
+    ///
+    /// # Errors
+    /// Those of [`luxel::scene::load`].
+    pub fn load(&self) -> Result<Job> {
+        let (scene, file) = luxel::scene::load(&self.scene, &self.lights.overrides(self.tracing.sides, None))?;
+        let mut options = BakeOptions::default();
+        file.apply(&mut options);
+        options.backend = self.tracing.backend.map_or(options.backend, Into::into);
+        options.seed = self.tracing.seed.unwrap_or(options.seed);
+        Ok(Job { scene, options, threads: self.running.threads.or(file.threads) })
+    }
+}
+
+impl Lights {
+    fn overrides(&self, sides: Option<Sides>, proxy: Option<&PathBuf>) -> SceneOverrides {
         SceneOverrides {
-            sky: self.lights.sky,
-            suns: self.lights.sun.clone(),
-            points: self.lights.point.clone(),
-            environment: self.lights.environment.clone(),
-            emit: self.lights.emit.clone(),
-            albedo: self.lights.albedo.clone(),
-            sides: self.settings.sides.map(Into::into),
-            proxy: self.settings.proxy.clone(),
+            sky: self.sky,
+            suns: self.sun.clone(),
+            points: self.point.clone(),
+            environment: self.environment.clone(),
+            emit: self.emit.clone(),
+            albedo: self.albedo.clone(),
+            sides: sides.map(Into::into),
+            proxy: proxy.cloned(),
         }
     }
 }

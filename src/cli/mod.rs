@@ -12,13 +12,16 @@ use clap::{Parser, Subcommand};
 mod args;
 mod bake;
 mod check;
+mod compare;
 mod parse;
 mod points;
 mod progress;
+mod reference;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
-/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 101 a bug of luxel.
+/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a larger difference than `compare` was told
+/// to allow, 101 a bug of luxel.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -34,7 +37,14 @@ enum Command {
     Check(check::Args),
     /// Irradiance at given points
     Points(points::Args),
+    /// Irradiance at given points by path tracing, with its standard errors: slow and unbiased, to measure bakes against
+    Reference(reference::Args),
+    /// How far light is from that of a reference
+    Compare(compare::Args),
 }
+
+/// Exit code of a comparison that found a larger difference than was allowed.
+const TOO_DIFFERENT: u8 = 3;
 
 /// Exit code of a bug, as of any panic of a Rust program.
 const BUG: u8 = 101;
@@ -46,12 +56,14 @@ pub fn main() -> ExitCode {
     let last_words = remember_panics();
     // Nothing of the unwound state is used again.
     let result = panic::catch_unwind(AssertUnwindSafe(|| match &cli.command {
-        Command::Bake(args) => bake::run(args),
-        Command::Check(args) => check::run(args),
-        Command::Points(args) => points::run(args),
+        Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Reference(args) => reference::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Compare(args) => compare::run(args),
     }));
     match result {
-        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Ok(code)) => code,
         Ok(Err(error)) => {
             complain(&error.to_string());
             ExitCode::FAILURE

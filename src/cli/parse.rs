@@ -21,6 +21,22 @@ pub fn positive(text: &str) -> Parsed<f64> {
     if x > 0.0 { Ok(x) } else { Err("must be above 0".into()) }
 }
 
+/// A share above zero: `2%`, or `0.02`.
+pub fn share(text: &str) -> Parsed<f64> {
+    match text.trim().strip_suffix('%') {
+        Some(percent) => Ok(positive(percent)? / 100.0),
+        None => match positive(text)? {
+            x if x < 1.0 => Ok(x),
+            x => Err(format!("{x} of the whole is more than all; was {x}% meant?")),
+        },
+    }
+}
+
+/// Paths a point.
+pub fn paths(text: &str) -> Parsed<u32> {
+    whole(text, 2, 1 << 30)
+}
+
 /// A number above zero that single precision holds.
 pub fn positive_f32(text: &str) -> Parsed<f32> {
     let x = positive(text)? as f32;
