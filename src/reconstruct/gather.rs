@@ -90,7 +90,7 @@ fn place(d: Vec3) -> (u32, u32) {
     let turn = (d.y.atan2(d.x) / std::f32::consts::TAU + 0.5) * SECTORS;
     let sector = (turn as u32).min(SECTORS as u32 - 1);
     let ring = ((1.0 - d.z * d.z) * 65536.0) as u32;
-    (sector, if sector % 2 == 0 { ring } else { 65536 - ring.min(65536) })
+    (sector, if sector.is_multiple_of(2) { ring } else { 65536 - ring.min(65536) })
 }
 
 /// Memory that is kept from point to point.
@@ -106,8 +106,11 @@ struct Scratch {
 /// rows of form factors. The result depends on nothing but position and normal of the point.
 pub fn gather(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Option<Vec3>> {
     let mut scratch = Scratch::default();
-    let light =
-        |(p, o): (&SurfacePoint, Vec3)| if p.is_sound() { one(field, lattice, p, o, &mut scratch) } else { None };
+    let light = |(p, origin): (&SurfacePoint, Vec3)| {
+        // Adding zero makes -0 and 0 one place.
+        let p = SurfacePoint { position: p.position + Vec3::ZERO, normal: p.normal + Vec3::ZERO };
+        if p.is_sound() { one(field, lattice, &p, origin, &mut scratch) } else { None }
+    };
     points.iter().zip(origins(field, points)).map(light).collect()
 }
 
@@ -135,8 +138,7 @@ fn one(field: &Field, lattice: &Lattice, point: &SurfacePoint, origin: Vec3, s: 
 
 /// The rays of a point, in directions that its place chooses.
 fn aim(lattice: &Lattice, point: &SurfacePoint, origin: Vec3, seed: u64, rays: &mut RayBatch) {
-    // Adding zero makes -0 and 0 one place.
-    let bits = (point.position + Vec3::ZERO).to_array().into_iter().chain((point.normal + Vec3::ZERO).to_array());
+    let bits = point.position.to_array().into_iter().chain(point.normal.to_array());
     let mut words = [seed, POINT, 0, 0, 0, 0, 0, 0];
     words[2..].iter_mut().zip(bits).for_each(|(word, x)| *word = x.to_bits() as u64);
     let random = sampling::hash(&words);
