@@ -119,14 +119,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         normals: &normals,
         two_sided: &two_sided,
         cos_threshold: options.normal_threshold.to_radians().cos(),
-        senders: reconstruct::Senders {
-            tracer: &*tracer,
-            exitance: &values,
-            closed: f.is_closed(),
-            displaced: false,
-            rays: options.gather_rays,
-            seed,
-        },
+        senders: None,
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

@@ -171,14 +171,14 @@ impl Bake {
             normals: &self.normals,
             two_sided: &self.two_sided,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
-            senders: Senders {
+            senders: Some(Senders {
                 tracer: self.patch_tracer(),
                 exitance,
                 closed: self.form_factors.is_closed(),
                 displaced: self.face_tracer.is_some(),
                 rays: self.options.gather_rays,
                 seed: self.options.seed,
-            },
+            }),
         }
     }
 }

@@ -209,7 +209,8 @@ impl BakeArgs {
         {
             return Err(Error::Option("--proxy gives the patches: leave --patches out, or make it proxy".into()));
         }
-        let (scene, file) = luxel::scene::load(&self.scene, &self.lights.overrides(self.settings.sides, self.settings.proxy.as_ref()))?;
+        let (scene, file) =
+            luxel::scene::load(&self.scene, &self.lights.overrides(self.settings.sides, self.settings.proxy.as_ref()))?;
         let mut base = BakeOptions::default();
         file.apply(&mut base);
         if let Some(quality) = self.settings.quality {
