@@ -116,6 +116,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         known: &estimate.visible,
         tracer: &*tracer,
         normals: &normals,
+        two_sided: &scene.triangles.iter().map(|t| t.two_sided).collect::<Vec<bool>>(),
         cos_threshold: options.normal_threshold.to_radians().cos(),
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
