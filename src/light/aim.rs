@@ -58,7 +58,7 @@ impl<'a> Sampler<'a> {
             Sampler::Near(polygon, sphere) => {
                 let direction = sphere.sample(u as f64, v as f64);
                 let n = polygon.normal.as_dvec3();
-                let height = polygon.front_distance(x.position);
+                let height = polygon.front_distance(x);
                 let t = -height / n.dot(direction);
                 let weight = x.normal.as_dvec3().dot(direction) * sphere.solid_angle();
                 let target = x.position.as_dvec3() + t * direction;
@@ -68,7 +68,7 @@ impl<'a> Sampler<'a> {
                 Shape::Polygon(p) => {
                     let [a, b, .., d] = p.corners;
                     let (u, v) = if p.count == 4 { (u, v) } else { sampling::triangle(u, v) };
-                    let height = p.front_distance(x.position);
+                    let height = p.front_distance(x);
                     patch_of_light(x, a + u * (b - a) + v * (d - a), p.normal, height, p.area)
                 }
                 Shape::Disc { centre, normal, radius } => {

@@ -93,12 +93,14 @@ impl Polygon {
 
     /// Signed distance of `x` from the polygon's plane if light leaves towards it, else 0.
     ///
-    /// Rays leave a surface from [`RAY_OFFSET`] above it. What touches it, nearer than that, is no receiver: rays
-    /// pass it from either side, so its light is counted at what lies beyond.
-    pub fn front_distance(&self, x: Vec3) -> f64 {
-        let height = self.normal.as_dvec3().dot(x.as_dvec3() - self.corners[0].as_dvec3());
-        let reached = if self.both_sides { height.abs() } else { height };
-        if reached > RAY_OFFSET as f64 { height } else { 0.0 }
+    /// Rays start [`RAY_OFFSET`] off their surfaces. What faces the lamp from nearer than that is no receiver: its
+    /// rays would start behind the lamp, and those of the lamp pass it and are counted at what lies beyond.
+    pub fn front_distance(&self, x: &SurfacePoint) -> f64 {
+        let normal = self.normal.as_dvec3();
+        let height = normal.dot(x.position.as_dvec3() - self.corners[0].as_dvec3());
+        let of_origin = height + RAY_OFFSET as f64 * normal.dot(x.normal.as_dvec3());
+        let is_before = if self.both_sides { height * of_origin > 0.0 } else { height > 0.0 && of_origin > 0.0 };
+        if is_before { height } else { 0.0 }
     }
 }
 
@@ -167,7 +169,7 @@ impl Lamp {
         let normal = x.normal.as_dvec3();
         match &self.shape {
             Shape::Polygon(p) => {
-                if p.front_distance(x.position) == 0.0 {
+                if p.front_distance(x) == 0.0 {
                     return 0.0;
                 }
                 let corners = p.relative_corners(x.position);
@@ -183,7 +185,8 @@ impl Lamp {
             Shape::Disc { centre, normal: axis, radius } => {
                 let centre = centre.as_dvec3() - x.position.as_dvec3();
                 // As of `Polygon::front_distance`.
-                if -centre.dot(axis.as_dvec3()) <= RAY_OFFSET as f64 {
+                let height = -centre.dot(axis.as_dvec3());
+                if height <= 0.0 || height + RAY_OFFSET as f64 * normal.dot(axis.as_dvec3()) <= 0.0 {
                     return 0.0;
                 }
                 form::disc(centre, axis.as_dvec3(), *radius as f64, normal)

@@ -103,7 +103,12 @@ impl World {
 
     /// The scene, one-sided as wound, and the map from the coordinates it was built in to the local frame.
     pub fn build(self) -> Stage {
-        let scene = self.builder.build(SidesRule::One).expect("a valid scene");
+        self.build_by(SidesRule::One)
+    }
+
+    /// As [`World::build`], with another rule for sides.
+    pub fn build_by(self, rule: SidesRule) -> Stage {
+        let scene = self.builder.build(rule).expect("a valid scene");
         Stage { scene, turned: self.turned }
     }
 }
@@ -121,6 +126,11 @@ impl Stage {
             position: self.scene.frame.to_local(self.turned.transform_point3(position.into())),
             normal: self.turned.transform_vector3(normal.into()).normalize().as_vec3(),
         }
+    }
+
+    /// Where a local point lies in the coordinates that the scene was built in.
+    pub fn as_built(&self, local: Vec3) -> DVec3 {
+        self.turned.inverse().transform_point3(self.scene.frame.to_world(local))
     }
 
     pub fn bake(&self, options: &BakeOptions) -> Bake {
