@@ -71,6 +71,7 @@ pub mod transfer;
 pub mod bake;
 pub mod forecast;
 pub mod output;
+pub mod selftest;
 
 pub use bake::bake;
 pub use error::{Error, Result};

@@ -278,3 +278,22 @@ fn check_tells_what_the_scene_holds() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stdout(&output).contains("14 triangles"), "{}", stdout(&output));
 }
+
+#[test]
+fn the_selftest_passes_and_writes_its_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("selftest.json");
+    let output = luxel(&["selftest", "--backend", "auto", "--json", file.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", stdout(&output));
+    let table: serde_json::Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    let rows = table["rows"].as_array().unwrap();
+    assert!(rows.len() > 40);
+    for row in rows {
+        assert_eq!(row["backend"], "auto");
+        assert_ne!(row["verdict"], "fail", "{row}");
+        assert!(stdout(&output).contains(row["case"].as_str().unwrap()));
+    }
+    for case in ["parallel", "upright", "5.3", "5.4", "5.6", "5.8", "furnace", "sphere", "trap", "reciprocity"] {
+        assert!(rows.iter().any(|row| row["case"].as_str().unwrap().contains(case)), "no case {case}");
+    }
+}

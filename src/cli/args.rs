@@ -132,12 +132,20 @@ impl Job {
     /// # Errors
     /// Those of `work`; the system gives no threads.
     pub fn on_threads<T: Send>(&self, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(self.threads.unwrap_or(0))
-            .build()
-            .map_err(|e| Error::Option(format!("cannot start the threads: {e}; try fewer with --threads")))?;
-        pool.install(work)
+        on_threads(self.threads, work)
     }
+}
+
+/// Runs `work` on so many threads, one a core if none are given.
+///
+/// # Errors
+/// Those of `work`; the system gives no threads.
+pub fn on_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build()
+        .map_err(|e| Error::Option(format!("cannot start the threads: {e}; try fewer with --threads")))?;
+    pool.install(work)
 }
 
 impl BakeArgs {
@@ -189,7 +197,7 @@ impl BakeArgs {
 macro_rules! choice {
     ($name:ident for $target:ty { $($(#[$doc:meta])* $value:ident),+ $(,)? }) => {
         #[derive(Clone, Copy, Debug, ValueEnum)]
-        enum $name { $($(#[$doc])* $value),+ }
+        pub enum $name { $($(#[$doc])* $value),+ }
 
         impl From<$name> for $target {
             fn from(choice: $name) -> $target {

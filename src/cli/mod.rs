@@ -15,10 +15,12 @@ mod check;
 mod parse;
 mod points;
 mod progress;
+mod selftest;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
-/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 101 a bug of luxel.
+/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked, 101 a bug of
+/// luxel.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -34,7 +36,12 @@ enum Command {
     Check(check::Args),
     /// Irradiance at given points
     Points(points::Args),
+    /// Compute known answers on this machine: form factors, CIE 171:2006, enclosures, invariants
+    Selftest(selftest::Args),
 }
+
+/// Exit code where all was done, and a figure is worse than asked.
+const WORSE: u8 = 3;
 
 /// Exit code of a bug, as of any panic of a Rust program.
 const BUG: u8 = 101;
@@ -46,12 +53,13 @@ pub fn main() -> ExitCode {
     let last_words = remember_panics();
     // Nothing of the unwound state is used again.
     let result = panic::catch_unwind(AssertUnwindSafe(|| match &cli.command {
-        Command::Bake(args) => bake::run(args),
-        Command::Check(args) => check::run(args),
-        Command::Points(args) => points::run(args),
+        Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Selftest(args) => selftest::run(args),
     }));
     match result {
-        Ok(Ok(())) => ExitCode::SUCCESS,
+        Ok(Ok(code)) => code,
         Ok(Err(error)) => {
             complain(&error.to_string());
             ExitCode::FAILURE

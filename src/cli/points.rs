@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 /// Folder and name of the output file.
-fn split(path: &Path) -> Result<(&Path, &str)> {
+pub fn split(path: &Path) -> Result<(&Path, &str)> {
     let name = path.file_name().and_then(|n| n.to_str());
     let name = name.ok_or_else(|| Error::Option(format!("-o {}: a file name was expected", path.display())))?;
     if path.is_dir() {
