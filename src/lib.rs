@@ -69,8 +69,11 @@ pub mod trace;
 pub mod transfer;
 
 pub mod bake;
+pub mod bench;
+pub mod compare;
 pub mod forecast;
 pub mod output;
+pub mod reference;
 pub mod selftest;
 
 pub use bake::bake;

@@ -30,10 +30,7 @@ pub fn random(scene: &Scene, from: usize, count: usize, seed: u64) -> Vec<Surfac
             let (u, v) = sampling::triangle(number(1) as f32, number(2) as f32);
             let [a, b, c] = scene.corners_of(t);
             let normal: Vec3 = scene.normal(t);
-            SurfacePoint {
-                position: a + u * (b - a) + v * (c - a),
-                normal: if back { -normal } else { normal },
-            }
+            SurfacePoint { position: a + u * (b - a) + v * (c - a), normal: if back { -normal } else { normal } }
         })
         .collect()
 }

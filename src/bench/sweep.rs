@@ -9,8 +9,8 @@ use crate::{
 };
 
 /// Patch sources, ways to carry light to points: one line each.
-const SOURCES: [PatchSource; 2] = [PatchSource::Surfels, PatchSource::Faces];
-const RECONSTRUCTIONS: [Reconstruct; 2] = [Reconstruct::Smooth, Reconstruct::Nearest4];
+pub(super) const SOURCES: [PatchSource; 2] = [PatchSource::Surfels, PatchSource::Faces];
+pub(super) const RECONSTRUCTIONS: [Reconstruct; 2] = [Reconstruct::Smooth, Reconstruct::Nearest4];
 
 /// Grids and rays of the full sweep.
 const GRIDS: [u32; 4] = [16, 32, 64, 128];
@@ -84,7 +84,13 @@ pub fn configurations(extent: Extent) -> Vec<Configuration> {
         Extent::Full => {
             for (grid, rays) in GRIDS.into_iter().flat_map(|g| RAYS.map(|r| (g, r))) {
                 for (patches, reconstruct) in SOURCES.into_iter().flat_map(|p| RECONSTRUCTIONS.map(|r| (p, r))) {
-                    all.extend(backends.iter().map(|&backend| Configuration { patches, grid, rays, reconstruct, backend }));
+                    all.extend(backends.iter().map(|&backend| Configuration {
+                        patches,
+                        grid,
+                        rays,
+                        reconstruct,
+                        backend,
+                    }));
                 }
             }
         }
@@ -96,7 +102,8 @@ pub fn configurations(extent: Extent) -> Vec<Configuration> {
                 reconstruct: RECONSTRUCTIONS[0],
                 backend: backends[0],
             };
-            let sizes = QUICK_GRIDS.into_iter().flat_map(|grid| QUICK_RAYS.map(|rays| Configuration { grid, rays, ..base }));
+            let sizes =
+                QUICK_GRIDS.into_iter().flat_map(|grid| QUICK_RAYS.map(|rays| Configuration { grid, rays, ..base }));
             all.extend(sizes);
             all.extend(SOURCES[1..].iter().map(|&patches| Configuration { patches, ..base }));
             all.extend(RECONSTRUCTIONS[1..].iter().map(|&reconstruct| Configuration { reconstruct, ..base }));

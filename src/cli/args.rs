@@ -82,7 +82,7 @@ struct Settings {
 /// Added to the lights of the scene.
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Lights and materials")]
-struct Lights {
+pub struct Lights {
     /// Sky of constant radiance, W/m2/sr
     #[arg(long, value_name = "R,G,B", value_parser = parse::colour, allow_hyphen_values = true)]
     sky: Option<Vec3>,
@@ -181,14 +181,21 @@ impl BakeArgs {
     }
 
     fn overrides(&self) -> SceneOverrides {
+        self.lights.overrides(self.settings.sides.map(Into::into))
+    }
+}
+
+impl Lights {
+    /// What they change in a scene.
+    pub fn overrides(&self, sides: Option<SidesRule>) -> SceneOverrides {
         SceneOverrides {
-            sky: self.lights.sky,
-            suns: self.lights.sun.clone(),
-            points: self.lights.point.clone(),
-            environment: self.lights.environment.clone(),
-            emit: self.lights.emit.clone(),
-            albedo: self.lights.albedo.clone(),
-            sides: self.settings.sides.map(Into::into),
+            sky: self.sky,
+            suns: self.sun.clone(),
+            points: self.point.clone(),
+            environment: self.environment.clone(),
+            emit: self.emit.clone(),
+            albedo: self.albedo.clone(),
+            sides,
         }
     }
 }

@@ -11,6 +11,7 @@ use clap::{Parser, Subcommand};
 
 mod args;
 mod bake;
+mod bench;
 mod check;
 mod parse;
 mod points;
@@ -36,6 +37,8 @@ enum Command {
     Check(check::Args),
     /// Irradiance at given points
     Points(points::Args),
+    /// Measure error against time: many settings, and path tracing, against a reference
+    Bench(bench::Args),
     /// Compute known answers on this machine: form factors, CIE 171:2006, enclosures, invariants
     Selftest(selftest::Args),
 }
@@ -56,6 +59,7 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
         Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
         Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Bench(args) => bench::run(args).map(|()| ExitCode::SUCCESS),
         Command::Selftest(args) => selftest::run(args),
     }));
     match result {

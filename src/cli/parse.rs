@@ -60,6 +60,17 @@ pub fn samples(text: &str) -> Parsed<u32> {
     whole(text, 1, 65536)
 }
 
+/// How many.
+pub fn count(text: &str) -> Parsed<usize> {
+    whole(text, 1, 100_000_000)
+}
+
+/// `0.5%`, as a fraction; above 0.
+pub fn percent(text: &str) -> Parsed<f64> {
+    let number = text.trim().strip_suffix('%').ok_or("expected a percentage, such as 0.5%")?;
+    Ok(positive(number)? / 100.0)
+}
+
 /// Threads of a pool.
 pub fn threads(text: &str) -> Parsed<usize> {
     whole(text, 1, 4096)
@@ -159,6 +170,9 @@ mod tests {
         assert_eq!(message(positive("-0").map(drop)), "must be above 0");
         assert_eq!(message(size("640").map(drop)), "expected WIDTHxHEIGHT, such as 640x480");
         assert_eq!(message(number("1,5").map(drop)), "\"1,5\" is not a number");
+        assert_eq!(message(percent("0.5").map(drop)), "expected a percentage, such as 0.5%");
+        assert_eq!(message(percent("0%").map(drop)), "must be above 0");
+        assert_eq!(percent("2.5 %"), Ok(0.025));
         assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
     }
 }
