@@ -39,8 +39,8 @@ pub struct Truth {
     pub seconds: f64,
 }
 
-/// Paths a point that tell whether light reaches it.
-const PROBE: u32 = 16;
+/// Paths a point that tell whether light reaches it: enough for a dark room behind a door.
+const PROBE: u32 = 256;
 /// Points that are tried for each that is wanted.
 const TRIES: usize = 20;
 
