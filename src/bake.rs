@@ -36,19 +36,14 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     let lights = LightSet::new(scene);
     clock.stop("build");
 
-    let (simplified, face_tracer) = match options.patches {
-        PatchSource::Surfels => (simplify::surfels(scene, grid, &*tracer), None),
-        PatchSource::Faces => {
-            let simplified = simplify::faces(scene, grid, options.face_colour);
-            let face_tracer = trace::build(options.backend, &simplified.geometry)?;
-            (simplified, Some(face_tracer))
-        }
-    };
+    let simplified = simplify::simplify(scene, grid, options, &*tracer)?;
+    let own = options.patches != PatchSource::Surfels;
+    let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
     simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
     clock.stop("simplify");
 
     let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
-    let exchange = Exchange { simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
+    let exchange = Exchange { scene, simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
     let (direct, mut visibility) = exchange.direct();
     clock.stop("direct");
 
@@ -97,6 +92,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         bright: bright.map(|b| b.patches.lights),
         glow: primary.glow,
         smooth: secondary.smooth,
+        unsent: secondary.unsent,
         index,
         normals: scene.normals(),
         tracer,
@@ -120,6 +116,12 @@ fn check(scene: &Scene, options: &BakeOptions) -> Result<()> {
     }
     if !(1..=65536).contains(&options.point_samples) || !(1..=65536).contains(&options.patch_samples) {
         return wrong("shadow samples must be from 1 to 65536".into());
+    }
+    if !(16..=65536).contains(&options.gather_rays) {
+        return wrong(format!("{} gather rays: they must be from 16 to 65536", options.gather_rays));
+    }
+    if options.target_patches.is_some_and(|n| !(16..=50_000_000).contains(&n)) {
+        return wrong("target patches: they must be from 16 to 50000000".into());
     }
     if !(options.tolerance > 0.0 && options.tolerance < 1.0) {
         return wrong(format!("tolerance {} is not between 0 and 1", options.tolerance));

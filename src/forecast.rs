@@ -6,6 +6,7 @@ use crate::{
     BakeOptions, Result, Scene,
     options::PatchSource,
     simplify::{self, Grid},
+    trace,
 };
 
 /// Sizes and costs of a bake that has not begun.
@@ -82,8 +83,9 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
     let grid = Grid::new(scene, options.resolution)?;
     simplify::check_size(scene, &grid, COUNTED_BYTES)?;
     let (fragments, mut patches, by_mesh) = simplify::count(scene, &grid);
-    if options.patches == PatchSource::Faces {
-        patches = simplify::faces(scene, grid, options.face_colour).patches.len();
+    if options.patches != PatchSource::Surfels {
+        let tracer = trace::build(options.backend, &scene.geometry())?;
+        patches = simplify::simplify(scene, grid, options, &*tracer)?.patches.len();
     }
     let rays = patches as u64 * options.rays as u64;
     let row_bytes = options.rays as f64 * RAY_BYTES;

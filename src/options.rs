@@ -20,6 +20,12 @@ pub enum PatchSource {
     Surfels,
     /// The paper's method to the letter: equal square voxel faces.
     Faces,
+    /// Triangles of the scene's mesh, simplified by edge collapse.
+    Decimated,
+    /// Triangles of the scene's mesh, simplified by vertex clustering.
+    Clustered,
+    /// Triangles of [`Scene::proxy`](crate::Scene::proxy), a hand-made simplified mesh.
+    Proxy,
 }
 
 /// How patch light is carried to vertices and points.
@@ -30,6 +36,10 @@ pub enum Reconstruct {
     Smooth,
     /// The paper's four nearest patches, weighted by inverse distance.
     Nearest4,
+    /// Final gather: every point asks the patches that it sees, by rays of its own.
+    Gather,
+    /// `Smooth`, and `Gather` at the points where the patches nearby do not agree on the light.
+    Adaptive,
 }
 
 /// How primary light enters.
@@ -73,10 +83,15 @@ pub struct BakeOptions {
     pub resolution: Resolution,
     /// Patch source.
     pub patches: PatchSource,
+    /// Patches to aim at where they are triangles of a simplified mesh; `None`: so many that their mean area is that of a
+    /// voxel face.
+    pub target_patches: Option<u32>,
     /// Form-factor rays a patch; a power of two, 16 ..= 65536.
     pub rays: u32,
     /// Interpolation to vertices and points.
     pub reconstruct: Reconstruct,
+    /// Rays of a point that gathers, 16 ..= 65536.
+    pub gather_rays: u32,
     /// Treatment of primary light.
     pub primary: Primary,
     /// Ray tracer.
@@ -102,8 +117,10 @@ impl Default for BakeOptions {
         BakeOptions {
             resolution: Resolution::Grid(64),
             patches: PatchSource::Surfels,
+            target_patches: None,
             rays: 256,
             reconstruct: Reconstruct::Smooth,
+            gather_rays: 1024,
             primary: Primary::Direct,
             backend: Backend::Auto,
             face_colour: FaceColour::Normalised,

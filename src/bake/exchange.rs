@@ -3,11 +3,11 @@
 use glam::Vec3;
 
 use crate::{
-    BakeOptions,
+    BakeOptions, Scene,
     light::{self, Bright, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
-    simplify::Simplified,
+    simplify::{self, Simplified},
     solve::{self, Solution},
     trace::RayTracer,
     transfer::{self, Estimate, FormFactors},
@@ -15,6 +15,7 @@ use crate::{
 
 /// What light is exchanged between and by.
 pub(super) struct Exchange<'a> {
+    pub scene: &'a Scene,
     pub simplified: &'a Simplified,
     /// What is sampled by shadow rays.
     pub lights: &'a LightSet,
@@ -49,6 +50,8 @@ pub(super) struct Secondary {
     pub smooth: Vec<Vec3>,
     /// Reflected radiosity, W/m2.
     pub radiosity: Vec<Vec3>,
+    /// The part of it that goes by form factors: `smooth` is the light of these.
+    pub unsent: Vec<Vec3>,
 }
 
 /// Points on patches that are made at once, to bound their memory.
@@ -90,7 +93,7 @@ impl Exchange<'_> {
     /// The bright patches, if any, with what they send; and the shadow rays it took. None where shadow rays and form
     /// factors disagree on how much light arrives.
     pub fn bright(&self, primary: &PrimaryLight, estimate: &Estimate) -> (Option<Sent>, u64) {
-        if self.options.patches == PatchSource::Faces {
+        if self.options.patches != PatchSource::Surfels {
             return (None, 0);
         }
         let Some(patches) = Bright::choose(self.simplified, &primary.source, &estimate.reached) else {
@@ -130,11 +133,12 @@ impl Exchange<'_> {
         let solution = solve::solve(f, &albedo, &source, self.options.tolerance);
         let smooth: Vec<Vec3> = solution.irradiance.iter().map(|&e| vec3(e)).collect();
         let indirect = add(sent, Some(smooth.clone()));
-        let mut radiosity: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
+        let unsent: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
+        let mut radiosity = unsent.clone();
         for &i in bright.iter().flat_map(|b| &b.patches.patches) {
             radiosity[i as usize] += vec3(primary.source[i as usize]);
         }
-        (Secondary { indirect, smooth, radiosity }, solution)
+        (Secondary { indirect, smooth, radiosity, unsent }, solution)
     }
 
     fn sampled(&self, lights: &LightSet) -> (Vec<Vec3>, u64) {
@@ -143,7 +147,11 @@ impl Exchange<'_> {
         let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
         self.progress.begin("direct light", all.len() as u64);
         for block in all.chunks((PATCH_POINTS / samples as usize).max(1)) {
-            let points = transfer::patch_points(self.simplified, block, samples, self.options.seed);
+            let mut points = transfer::patch_points(self.simplified, block, samples, self.options.seed);
+            // Simplified meshes run through the real surfaces, whose shadows would fall on them.
+            if !matches!(self.options.patches, PatchSource::Surfels | PatchSource::Faces) {
+                points = simplify::onto_surfaces(self.scene, self.tracer, &points);
+            }
             let result = light::irradiance(lights, self.tracer, &points, samples as usize, samples, self.options.seed);
             direct.extend(result.irradiance);
             rays += result.rays;

@@ -6,8 +6,9 @@ use super::exchange::add;
 use crate::{
     BakeOptions,
     light::{self, LightSet},
+    options::Reconstruct,
     progress::Progress,
-    reconstruct::{self, Field, PatchIndex},
+    reconstruct::{self, Field, PatchIndex, Senders},
     report::Report,
     scene::SurfacePoint,
     simplify::{NO_PATCH, Patches, Simplified, SplitMesh},
@@ -64,11 +65,13 @@ pub struct Bake {
     pub(super) glow: Option<Vec<Vec3>>,
     /// Indirect irradiance of the patches without what the bright ones send.
     pub(super) smooth: Vec<Vec3>,
+    /// Reflected radiosity without what bright patches send: what `smooth` is the light of.
+    pub(super) unsent: Vec<Vec3>,
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
     pub(super) tracer: Box<dyn RayTracer>,
-    /// Tracer of the voxel faces, where they are the patches.
+    /// Tracer of the voxel faces or the simplified mesh, where these are the patches.
     pub(super) face_tracer: Option<Box<dyn RayTracer>>,
 }
 
@@ -90,7 +93,8 @@ impl Bake {
         &*self.tracer
     }
 
-    /// The tracer that [`Bake::patch_of`] understands: that of the surfaces, or of the voxel faces.
+    /// The tracer that [`Bake::patch_of`] understands: that of the surfaces, or of what stands for
+    /// them.
     pub fn patch_tracer(&self) -> &dyn RayTracer {
         self.face_tracer.as_deref().unwrap_or(&*self.tracer)
     }
@@ -122,6 +126,12 @@ impl Bake {
         self.light(&points, samples, progress)
     }
 
+    /// Changes how light is carried to the points that are asked for from now on; `vertices` stay as they are.
+    pub fn set_reconstruct(&mut self, method: Reconstruct, gather_rays: u32) {
+        self.options.reconstruct = method;
+        self.options.gather_rays = gather_rays;
+    }
+
     /// Light at points that stand clear of walls.
     pub(super) fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
         progress.begin("points", points.len() as u64);
@@ -130,16 +140,23 @@ impl Bake {
             let lit = |lights: &LightSet| {
                 light::irradiance(lights, &*self.tracer, block, 1, samples, self.options.seed).irradiance
             };
-            all.direct.extend(add(lit(&self.lights), self.glow.as_ref().map(|glow| self.interpolate(block, glow))));
-            all.indirect.extend(add(self.interpolate(block, &self.smooth), self.bright.as_ref().map(lit)));
+            let glow = self.glow.as_ref().map(|glow| self.interpolate(block, glow, &self.patches().emitted));
+            all.direct.extend(add(lit(&self.lights), glow));
+            let smooth = self.interpolate(block, &self.smooth, &self.unsent);
+            all.indirect.extend(add(smooth, self.bright.as_ref().map(lit)));
             progress.advance(block.len() as u64);
         }
         progress.end();
         all
     }
 
-    fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3]) -> Vec<Vec3> {
-        let field = Field {
+    /// Carries `values` of the patches to points; `exitance` is what the values are the light of.
+    fn interpolate(&self, points: &[SurfacePoint], values: &[Vec3], exitance: &[Vec3]) -> Vec<Vec3> {
+        reconstruct::interpolate(&self.field(values, exitance), self.options.reconstruct, points)
+    }
+
+    fn field<'a>(&'a self, values: &'a [Vec3], exitance: &'a [Vec3]) -> Field<'a> {
+        Field {
             simplified: &self.simplified,
             index: &self.index,
             values,
@@ -147,7 +164,14 @@ impl Bake {
             tracer: &*self.tracer,
             normals: &self.normals,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
-        };
-        reconstruct::interpolate(&field, self.options.reconstruct, points)
+            senders: Some(Senders {
+                tracer: self.patch_tracer(),
+                exitance,
+                closed: self.form_factors.is_closed(),
+                displaced: self.face_tracer.is_some(),
+                rays: self.options.gather_rays,
+                seed: self.options.seed,
+            }),
+        }
     }
 }

@@ -30,13 +30,17 @@ pub(super) fn mesh(
         return simplify::split_mesh(scene, fragments, h, tracer, wanted);
     }
     let fragments = simplify::clip(scene, &simplified.grid);
+    // Wide enough to meet the patch of any point: triangles are larger than faces.
+    let patches = &simplified.patches;
+    let size = (patches.area.iter().sum::<f32>() / patches.len().max(1) as f32).sqrt() / h;
+    let reach = if options.patches == PatchSource::Faces { 1.0 } else { 1.0 + 1.6 * size };
     let cos_threshold = options.normal_threshold.to_radians().cos();
     let lit = |f: usize, side: usize| {
         let t = fragments.triangle[f] as usize;
         let normal = if side == 1 { -scene.normal(t) } else { scene.normal(t) };
         let middle = simplify::clip::point_at(&scene.corners_of(t), simplify::clip::uv_centroid(fragments.uv(f)));
         let mut found = false;
-        index.near(middle, 1.0, |j| {
+        index.near(middle, reach, |j| {
             let ahead = (simplified.patches.centroid[j] - middle).dot(normal) > -0.01 * h;
             found |= ahead && light.reached[j] && simplified.patches.normal[j].dot(normal) >= cos_threshold;
         });

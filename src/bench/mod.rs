@@ -6,7 +6,7 @@ use crate::{
     Result, Scene,
     bake::Irradiance,
     compare::{Difference, difference, luminance},
-    options::Backend,
+    options::{Backend, PatchSource},
     progress::{Progress, Silent},
     reference::{self, ReferenceOptions, Until},
     scene::SurfacePoint,
@@ -165,7 +165,11 @@ pub fn run(scene: &Scene, settings: &Settings, folder: &Path, progress: &dyn Pro
 
     let mut left_out = Vec::new();
     let mut chosen: Vec<(Method, Vec<Run>)> = Vec::new();
+    let has_proxy = scene.proxy.is_some();
     for configuration in configurations(settings.extent) {
+        if configuration.patches == PatchSource::Proxy && !has_proxy {
+            continue;
+        }
         match too_long(scene, &configuration, settings) {
             Some(why) => left_out.push(LeftOut { configuration, why }),
             None => chosen.push((Method::Bake(configuration), Vec::new())),

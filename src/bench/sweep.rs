@@ -9,8 +9,15 @@ use crate::{
 };
 
 /// Patch sources, ways to carry light to points: one line each.
-pub(super) const SOURCES: [PatchSource; 2] = [PatchSource::Surfels, PatchSource::Faces];
-pub(super) const RECONSTRUCTIONS: [Reconstruct; 2] = [Reconstruct::Smooth, Reconstruct::Nearest4];
+pub(super) const SOURCES: [PatchSource; 5] = [
+    PatchSource::Surfels,
+    PatchSource::Faces,
+    PatchSource::Decimated,
+    PatchSource::Clustered,
+    PatchSource::Proxy,
+];
+pub(super) const RECONSTRUCTIONS: [Reconstruct; 4] =
+    [Reconstruct::Smooth, Reconstruct::Nearest4, Reconstruct::Gather, Reconstruct::Adaptive];
 
 /// Grids and rays of the full sweep.
 const GRIDS: [u32; 4] = [16, 32, 64, 128];
@@ -75,7 +82,7 @@ pub fn word<T: Serialize>(value: &T) -> String {
     }
 }
 
-/// All configurations of a sweep, the cheap ones first.
+/// All configurations of a sweep, the cheap ones first. Those of [`PatchSource::Proxy`] are for scenes that have one.
 pub fn configurations(extent: Extent) -> Vec<Configuration> {
     // Brute force answers as the others do, in more time.
     let backends: Vec<Backend> = selftest::backends().into_iter().filter(|b| *b != Backend::Brute).collect();

@@ -36,16 +36,24 @@ struct Settings {
     /// Voxels of this size, in scene units
     #[arg(long, value_name = "H", value_parser = parse::positive, allow_hyphen_values = true)]
     voxel: Option<f64>,
-    /// What the patches are: pieces of the real surfaces, or the paper's voxel faces [default: surfels]
+    /// What the patches are [default: surfels]
     #[arg(long, value_enum)]
     patches: Option<Patches>,
+    /// Hand-made simplified mesh for `--patches proxy`, which it implies: OBJ, glTF or GLB in world coordinates
+    #[arg(long, value_name = "FILE")]
+    proxy: Option<PathBuf>,
+    /// Patches to aim at where they are triangles of a simplified mesh [default: of a voxel face's area]
+    #[arg(long, value_name = "N", value_parser = parse::target_patches, allow_hyphen_values = true)]
+    target_patches: Option<u32>,
     /// Form-factor rays a patch, a power of two from 16 to 65536 [default: 256]
     #[arg(long, value_name = "N", value_parser = parse::rays, allow_hyphen_values = true)]
     rays: Option<u32>,
-    /// How patch light is carried to vertices and points: local least squares, or the paper's four nearest patches
-    /// [default: smooth]
+    /// How patch light is carried to vertices and points [default: smooth]
     #[arg(long, value_enum)]
     reconstruct: Option<Interpolation>,
+    /// Rays of a vertex or point that gathers, 16 to 65536 [default: 1024]
+    #[arg(long, value_name = "N", value_parser = parse::gather_rays, allow_hyphen_values = true)]
+    gather_rays: Option<u32>,
     /// How primary light enters: sampled at patches and vertices, or as patches of the radiosity system
     /// [default: direct]
     #[arg(long, value_enum)]
@@ -154,6 +162,11 @@ impl BakeArgs {
     /// # Errors
     /// Those of [`luxel::scene::load`].
     pub fn load(&self) -> Result<Job> {
+        if let (Some(patches), Some(_)) = (self.settings.patches, &self.settings.proxy)
+            && PatchSource::from(patches) != PatchSource::Proxy
+        {
+            return Err(Error::Option("--proxy gives the patches: leave --patches out, or make it proxy".into()));
+        }
         let (scene, file) = luxel::scene::load(&self.scene, &self.overrides())?;
         let mut base = BakeOptions::default();
         file.apply(&mut base);
@@ -162,12 +175,15 @@ impl BakeArgs {
 
     fn options(&self, base: BakeOptions) -> BakeOptions {
         let s = &self.settings;
+        let implied = s.proxy.as_ref().map(|_| PatchSource::Proxy);
         let resolution = s.grid.map(Resolution::Grid).or(s.voxel.map(Resolution::Voxel));
         BakeOptions {
             resolution: resolution.unwrap_or(base.resolution),
-            patches: s.patches.map_or(base.patches, Into::into),
+            patches: s.patches.map(Into::into).or(implied).unwrap_or(base.patches),
+            target_patches: s.target_patches.or(base.target_patches),
             rays: s.rays.unwrap_or(base.rays),
             reconstruct: s.reconstruct.map_or(base.reconstruct, Into::into),
+            gather_rays: s.gather_rays.unwrap_or(base.gather_rays),
             primary: s.primary.map_or(base.primary, Into::into),
             backend: s.backend.map_or(base.backend, Into::into),
             face_colour: s.face_colour.map_or(base.face_colour, Into::into),
@@ -181,13 +197,17 @@ impl BakeArgs {
     }
 
     fn overrides(&self) -> SceneOverrides {
-        self.lights.overrides(self.settings.sides.map(Into::into))
+        SceneOverrides {
+            sides: self.settings.sides.map(Into::into),
+            proxy: self.settings.proxy.clone(),
+            ..self.lights.overrides()
+        }
     }
 }
 
 impl Lights {
     /// What they change in a scene.
-    pub fn overrides(&self, sides: Option<SidesRule>) -> SceneOverrides {
+    pub fn overrides(&self) -> SceneOverrides {
         SceneOverrides {
             sky: self.sky,
             suns: self.sun.clone(),
@@ -195,7 +215,7 @@ impl Lights {
             environment: self.environment.clone(),
             emit: self.emit.clone(),
             albedo: self.albedo.clone(),
-            sides,
+            ..SceneOverrides::default()
         }
     }
 }
@@ -219,12 +239,22 @@ choice!(Patches for PatchSource {
     Surfels,
     /// The paper's method: equal square faces of the voxels
     Faces,
+    /// Triangles of the mesh, simplified by edge collapse
+    Decimated,
+    /// Triangles of the mesh, simplified by vertex clustering
+    Clustered,
+    /// Triangles of a hand-made simplified mesh, see `--proxy`
+    Proxy,
 });
 choice!(Interpolation for Reconstruct {
     /// Local linear least squares over visible patches
     Smooth,
     /// The paper's four nearest patches by inverse distance
     Nearest4,
+    /// Final gather: rays of every point ask the patches that it sees
+    Gather,
+    /// Smooth, and gather where the patches nearby do not agree on the light
+    Adaptive,
 });
 choice!(PrimaryLight for Primary {
     /// Sampled at patches and vertices

@@ -21,6 +21,7 @@ use luxel::{
     progress::Progress,
     report::Stage,
     scene::Camera,
+    simplify::patch_mesh,
 };
 
 use super::{
@@ -128,8 +129,12 @@ fn write(
     let exposed = |automatic: ToneMap| args.picture.exposure.map_or(automatic, |exposure| ToneMap { exposure });
     let tone = exposed(lit.tone());
     staged.write("lit.glb", |out| lit.write(out, scene, tone))?;
+    let stand_in = match job.options.patches {
+        PatchSource::Surfels | PatchSource::Faces => None,
+        PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => Some(patch_mesh(&bake.simplified)),
+    };
     let patches = ply::PatchFile {
-        mesh: &bake.mesh,
+        mesh: stand_in.as_ref().unwrap_or(&bake.mesh),
         patches: bake.patches(),
         light: &bake.light,
         frame: &scene.frame,

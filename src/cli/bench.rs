@@ -45,6 +45,9 @@ pub struct Args {
     /// Standard error of the reference
     #[arg(long, value_name = "P%", value_parser = parse::percent, default_value = "0.5%")]
     stderr: f64,
+    /// A simplified mesh of the scene, to compare as patches too
+    #[arg(long, value_name = "FILE", conflicts_with = "suite")]
+    proxy: Option<PathBuf>,
     /// Folder of the repository's scenes
     #[arg(long, value_name = "DIR", default_value = "scenes")]
     scenes: PathBuf,
@@ -68,7 +71,7 @@ pub fn run(args: &Args) -> Result<()> {
         ..Settings::default()
     };
     let jobs = match &args.scene {
-        Some(path) => vec![(path.clone(), args.lights.overrides(None))],
+        Some(path) => vec![(path.clone(), SceneOverrides { proxy: args.proxy.clone(), ..args.lights.overrides() })],
         None => suite(args)?,
     };
     let running = &args.running;

@@ -55,6 +55,16 @@ pub fn rays(text: &str) -> Parsed<u32> {
     }
 }
 
+/// Patches of a simplified mesh.
+pub fn target_patches(text: &str) -> Parsed<u32> {
+    whole(text, 16, 50_000_000)
+}
+
+/// Rays of a point that gathers.
+pub fn gather_rays(text: &str) -> Parsed<u32> {
+    whole(text, 16, 65536)
+}
+
 /// Shadow rays a point.
 pub fn samples(text: &str) -> Parsed<u32> {
     whole(text, 1, 65536)

@@ -179,6 +179,7 @@ mod tests {
             warnings: vec![],
             sides: vec![],
             dropped: Default::default(),
+            proxy: None,
         };
         let mesh = SplitMesh {
             positions,

@@ -1,13 +1,16 @@
 //! From patches back to vertices and points (step 5 of the paper, and a better one).
 
 mod edges;
+mod gather;
 mod index;
 mod nearest4;
 mod smooth;
 
 pub use edges::clear_of_walls;
+pub use gather::Senders;
 pub use index::PatchIndex;
 
+use gather::Gather;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -34,6 +37,8 @@ pub struct Field<'a> {
     pub normals: &'a [Vec3],
     /// Cosine of the largest angle between the normals of a point and a patch.
     pub cos_threshold: f32,
+    /// What the rays of gathering points meet; without it, points interpolate.
+    pub senders: Option<Senders<'a>>,
 }
 
 impl Field<'_> {
@@ -42,14 +47,44 @@ impl Field<'_> {
     }
 }
 
-/// Interpolates the field at `points`. Values are never negative. The result of a point depends on nothing but its
+/// Points of a unit of parallel work.
+const CHUNK: usize = 64;
+
+/// Carries the field to `points`. Values are never negative. The result of a point depends on nothing but its
 /// position and normal; it is zero if these are not finite or the normal is not a unit vector.
 pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let gather = match method {
+        Reconstruct::Gather | Reconstruct::Adaptive => {
+            field.senders.as_ref().map(|senders| Gather::new(field, senders))
+        }
+        Reconstruct::Smooth | Reconstruct::Nearest4 => None,
+    };
     points
-        .par_chunks(64)
-        .flat_map_iter(|chunk| match method {
-            Reconstruct::Smooth => smooth::interpolate(field, chunk),
-            Reconstruct::Nearest4 => chunk.iter().map(|p| nearest4::interpolate(field, p)).collect(),
+        .par_chunks(CHUNK)
+        .flat_map_iter(|chunk| match (method, &gather) {
+            (Reconstruct::Nearest4, _) => chunk.iter().map(|p| nearest4::interpolate(field, p)).collect(),
+            (Reconstruct::Gather, Some(gather)) => everywhere(field, gather, chunk),
+            (Reconstruct::Adaptive, Some(gather)) => where_asked(field, gather, chunk),
+            _ => smooth::interpolate(field, chunk).into_iter().map(|fit| fit.value).collect(),
         })
+        .collect()
+}
+
+/// Gathers at every point, and interpolates where no ray starts in the open.
+fn everywhere(field: &Field, gather: &Gather, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let gathered = gather.light(points);
+    let lost: Vec<SurfacePoint> = points.iter().zip(&gathered).filter(|g| g.1.is_none()).map(|g| *g.0).collect();
+    let mut instead = smooth::interpolate(field, &lost).into_iter();
+    gathered.into_iter().map(|e| e.or_else(|| Some(instead.next()?.value)).unwrap_or_default()).collect()
+}
+
+/// Interpolates, and gathers where the fit is in doubt.
+fn where_asked(field: &Field, gather: &Gather, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let fits = smooth::interpolate(field, points);
+    let asking: Vec<SurfacePoint> =
+        points.iter().zip(&fits).filter(|(_, fit)| fit.is_doubtful()).map(|(p, _)| *p).collect();
+    let mut gathered = gather.light(&asking).into_iter();
+    fits.iter()
+        .map(|fit| if fit.is_doubtful() { gathered.next().flatten().unwrap_or(fit.value) } else { fit.value })
         .collect()
 }

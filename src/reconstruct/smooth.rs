@@ -1,6 +1,6 @@
 //! Local linear least squares over the patches that a point sees on its own surface.
 
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
 use super::{Field, nearest4};
 use crate::{
@@ -21,6 +21,9 @@ const MOST: usize = 16;
 /// Height, in voxels, at which points look for each other.
 const LIFT: f32 = 0.02;
 
+/// Fits are doubtful from here on: 12 % of the points of the Cornell box, 11 % of the curved room, 16 % of two rooms.
+const DOUBT: f32 = 0.2;
+
 /// A patch near a point.
 #[derive(Clone, Copy)]
 struct Neighbour {
@@ -28,9 +31,26 @@ struct Neighbour {
     weight: f32,
 }
 
+/// What the patches near a point say.
+#[derive(Clone, Copy)]
+pub struct Fit {
+    /// Irradiance, W/m2.
+    pub value: Vec3,
+    /// How much the patches differ, in units of the value, plus how far to one side of the point they lie, in voxels:
+    /// large at shadow edges, creases and borders. Infinite where there are none.
+    pub doubt: f32,
+}
+
+impl Fit {
+    /// Whether a gather would do better.
+    pub fn is_doubtful(&self) -> bool {
+        self.doubt > DOUBT
+    }
+}
+
 /// Fits a plane to the values of the neighbours of every point, and takes its value at the point, kept within what
 /// the neighbours say. Points without visible neighbours take the paper's four nearest.
-pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
+pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
     let h = field.simplified.grid.voxel_size as f32;
     let mut neighbours: Vec<Neighbour> = Vec::with_capacity(points.len() * 16);
     let mut ends = Vec::with_capacity(points.len());
@@ -47,7 +67,8 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
         .map(|(point, end)| {
             let own = &neighbours[begin..end];
             begin = end;
-            fit(field, point, own, h).unwrap_or_else(|| nearest4::interpolate(field, point))
+            fit(field, point, own, h)
+                .unwrap_or_else(|| Fit { value: nearest4::interpolate(field, point), doubt: f32::INFINITY })
         })
         .collect()
 }
@@ -116,12 +137,12 @@ fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, n
 }
 
 /// Weighted linear least squares in the tangent plane; `None` without neighbours.
-fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) -> Option<Vec3> {
+fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) -> Option<Fit> {
     let (t, b) = sampling::frame(point.normal);
     let mut normal_matrix = DMat3::ZERO;
     let mut right = [DVec3::ZERO; 3];
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let mut weights = 0.0;
+    let mut moment = DVec3::ZERO;
     for n in neighbours.iter().filter(|n| n.weight > 0.0) {
         let j = n.patch as usize;
         let to = (field.patches().centroid[j] - point.position) / h;
@@ -134,8 +155,9 @@ fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) ->
         }
         low = low.min(value);
         high = high.max(value);
-        weights += w;
+        moment += basis * w;
     }
+    let weights = moment.x;
     if weights <= 1e-6 {
         return None;
     }
@@ -147,7 +169,11 @@ fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) ->
     // Half the range of the neighbours beyond them is what a corner of a room asks for.
     let margin = 0.5 * (high - low);
     let value = value.clamp((low - margin).max(Vec3::ZERO), high + margin);
-    Some(if value.is_finite() { value } else { low })
+    let value = if value.is_finite() { value } else { low };
+    let (spread, level) = ((high - low).element_sum(), value.element_sum());
+    let lopsided = DVec2::new(moment.y, moment.z).length() / weights;
+    let doubt = lopsided as f32 + if spread > 0.0 { spread / level } else { 0.0 };
+    Some(Fit { value, doubt })
 }
 
 /// Ridge on the slopes, in units of value per voxel.

@@ -3,7 +3,11 @@
 //! Unknown keys are errors. Paths are relative to the scene file; they may lead anywhere, because whoever wrote the
 //! scene file chose them, unlike the references inside meshes.
 
-use std::{collections::BTreeMap, f64::consts::PI, path::Path};
+use std::{
+    collections::BTreeMap,
+    f64::consts::PI,
+    path::{Path, PathBuf},
+};
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 use serde::Deserialize;
@@ -32,10 +36,16 @@ pub struct FileSettings {
     pub voxel: Option<f64>,
     /// See [`BakeOptions::patches`].
     pub patches: Option<PatchSource>,
+    /// See [`BakeOptions::target_patches`].
+    pub target_patches: Option<u32>,
+    /// A hand-made simplified mesh; `patches` is then [`PatchSource::Proxy`] unless given.
+    pub proxy: Option<PathBuf>,
     /// See [`BakeOptions::rays`].
     pub rays: Option<u32>,
     /// See [`BakeOptions::reconstruct`].
     pub reconstruct: Option<Reconstruct>,
+    /// See [`BakeOptions::gather_rays`].
+    pub gather_rays: Option<u32>,
     /// See [`BakeOptions::primary`].
     pub primary: Option<Primary>,
     /// See [`BakeOptions::backend`].
@@ -69,9 +79,11 @@ impl FileSettings {
             }
         }
         set(&mut options.resolution, self.voxel.map(Resolution::Voxel).or(self.grid.map(Resolution::Grid)));
-        set(&mut options.patches, self.patches);
+        set(&mut options.patches, self.patches.or(self.proxy.as_ref().map(|_| PatchSource::Proxy)));
+        set(&mut options.target_patches, self.target_patches.map(Some));
         set(&mut options.rays, self.rays);
         set(&mut options.reconstruct, self.reconstruct);
+        set(&mut options.gather_rays, self.gather_rays);
         set(&mut options.primary, self.primary);
         set(&mut options.backend, self.backend);
         set(&mut options.face_colour, self.face_colour);
@@ -243,7 +255,9 @@ pub(crate) fn read(file: &Path, builder: &mut Builder) -> Result<FileSettings> {
     if let Some(camera) = scene.camera {
         builder.set_camera(camera.to_camera().map_err(|m| wrong("[camera]".into(), m))?);
     }
-    Ok(scene.bake)
+    let mut settings = scene.bake;
+    settings.proxy = settings.proxy.map(|proxy| path::folder(file).join(proxy));
+    Ok(settings)
 }
 
 impl MeshEntry {

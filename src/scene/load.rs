@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 
 use super::{
-    Builder, Scene, SidesRule, WorldLight, environment,
+    Builder, Proxy, Scene, SidesRule, WorldLight, environment,
     file::{self, FileSettings},
     gltf, obj,
 };
@@ -28,6 +28,8 @@ pub struct SceneOverrides {
     pub albedo: Vec<(String, Vec3)>,
     /// Which sides of surfaces count; `None`: as the scene file says, else [`SidesRule::Auto`].
     pub sides: Option<SidesRule>,
+    /// A hand-made simplified mesh; before that of the scene file.
+    pub proxy: Option<PathBuf>,
 }
 
 /// Loads a scene: an OBJ, glTF or GLB file, or a scene file `NAME.toml`; and the bake settings that a scene file gives.
@@ -45,7 +47,19 @@ pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<(Scene, FileSetti
     };
     overrides.apply(&mut builder)?;
     let rule = overrides.sides.or(settings.sides).unwrap_or_default();
-    Ok((builder.build(rule)?, settings))
+    let mut scene = builder.build(rule)?;
+    if let Some(path) = overrides.proxy.as_ref().or(settings.proxy.as_ref()) {
+        let proxy = Proxy::read(path, &scene)?;
+        if proxy.dropped > 0 {
+            scene.warnings.push(format!(
+                "proxy {}: {} faces were left out: without area, not finite, transparent, or lying on others",
+                path.display(),
+                proxy.dropped
+            ));
+        }
+        scene.proxy = Some(proxy);
+    }
+    Ok((scene, settings))
 }
 
 /// Reads an OBJ, glTF or GLB file into `builder`.

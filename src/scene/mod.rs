@@ -23,6 +23,7 @@ mod obj_scan;
 mod path;
 mod point;
 mod polygon;
+mod proxy;
 mod raw;
 mod shell;
 pub mod sides;
@@ -39,6 +40,7 @@ pub use light::Light;
 pub use load::{SceneOverrides, load};
 pub use material::{Material, Texture};
 pub use point::SurfacePoint;
+pub use proxy::Proxy;
 pub use raw::{Opacity, RawMaterial, RawMesh};
 pub use sides::{SideDecision, SideKind, SidesRule};
 pub use world_light::WorldLight;
@@ -142,6 +144,8 @@ pub struct Scene {
     pub sides: Vec<SideDecision>,
     /// What did not enter the scene.
     pub dropped: Dropped,
+    /// A hand-made simplified mesh that can take its place when light is exchanged.
+    pub proxy: Option<Proxy>,
 }
 
 /// 64 stratified points of a triangle, as barycentric weights of its second and third corner.

@@ -2,34 +2,46 @@
 //! paper).
 
 pub mod clip;
+mod decimated;
 mod faces;
+mod feet;
 pub mod grid;
 pub mod hit_map;
 mod mesh;
 mod patches;
+mod proxy;
 mod size;
 mod straddle;
 mod surfels;
+mod triangles;
 
 pub use clip::{Fragments, NO_PATCH, clip};
+pub use decimated::{Method, decimated};
 pub use faces::faces;
+pub use feet::onto_surfaces;
 pub use grid::Grid;
 pub use hit_map::HitMap;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
+pub use proxy::proxy;
 pub use size::{check_rows, check_size, expected_fragments};
 pub(crate) use surfels::UNLIKE;
 pub use surfels::{count, surfels};
+pub use triangles::patch_mesh;
 
 use glam::Vec3;
 
-use crate::trace::Geometry;
+use crate::{
+    BakeOptions, Result, Scene,
+    options::PatchSource,
+    trace::{Geometry, RayTracer},
+};
 
 /// The simplified scene: patches, the surface that they stand for, and the way back from a ray's hit to a patch.
 pub struct Simplified {
     /// The voxel grid.
     pub grid: Grid,
-    /// What form-factor rays are traced against: the scene's surfaces, or voxel faces.
+    /// What form-factor rays are traced against: the scene's surfaces, voxel faces, or a simplified mesh.
     pub geometry: Geometry,
     /// Pieces of `geometry`'s triangles, each of one patch a side.
     pub fragments: Fragments,
@@ -37,6 +49,21 @@ pub struct Simplified {
     pub patches: Patches,
     /// Finds the fragment of a hit.
     pub hit_map: HitMap,
+}
+
+/// Makes the patches that `options` ask for; `tracer` holds the scene's own triangles.
+///
+/// # Errors
+/// Those of [`decimated`] and [`proxy`].
+pub fn simplify(scene: &Scene, grid: Grid, options: &BakeOptions, tracer: &dyn RayTracer) -> Result<Simplified> {
+    let target = options.target_patches;
+    match options.patches {
+        PatchSource::Surfels => Ok(surfels(scene, grid, tracer)),
+        PatchSource::Faces => Ok(faces(scene, grid, options.face_colour)),
+        PatchSource::Decimated => decimated(scene, grid, Method::Decimate, target, tracer),
+        PatchSource::Clustered => decimated(scene, grid, Method::Cluster, target, tracer),
+        PatchSource::Proxy => proxy(scene, grid, target, tracer),
+    }
 }
 
 impl Simplified {
