@@ -9,13 +9,8 @@ use crate::{
 };
 
 /// Patch sources, ways to carry light to points: one line each.
-pub(super) const SOURCES: [PatchSource; 5] = [
-    PatchSource::Surfels,
-    PatchSource::Faces,
-    PatchSource::Decimated,
-    PatchSource::Clustered,
-    PatchSource::Proxy,
-];
+pub(super) const SOURCES: [PatchSource; 5] =
+    [PatchSource::Surfels, PatchSource::Faces, PatchSource::Decimated, PatchSource::Clustered, PatchSource::Proxy];
 pub(super) const RECONSTRUCTIONS: [Reconstruct; 4] =
     [Reconstruct::Smooth, Reconstruct::Nearest4, Reconstruct::Gather, Reconstruct::Adaptive];
 

@@ -26,6 +26,35 @@ pub struct BakeArgs {
     pub running: Running,
 }
 
+/// A scene and its lights, without the settings of a bake.
+#[derive(Args, Debug)]
+pub struct SceneArgs {
+    /// The scene: an OBJ, glTF or GLB file, or a scene file (.toml)
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    #[command(flatten)]
+    tracing: Tracing,
+    #[command(flatten)]
+    lights: Lights,
+    #[command(flatten)]
+    pub running: Running,
+}
+
+/// The settings that are not those of a bake alone.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Tracing")]
+struct Tracing {
+    /// Ray tracer [default: auto]
+    #[arg(long, value_enum)]
+    backend: Option<Tracer>,
+    /// Which sides of surfaces receive light [default: auto]
+    #[arg(long, value_enum)]
+    sides: Option<Sides>,
+    /// Seed of all random numbers [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
 /// What is not given here is taken from the scene file's [bake] table, else from the defaults.
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Bake settings")]
@@ -195,19 +224,32 @@ impl BakeArgs {
             skip_unreached: base.skip_unreached && !s.no_skip,
         }
     }
+}
 
+impl BakeArgs {
     fn overrides(&self) -> SceneOverrides {
-        SceneOverrides {
-            sides: self.settings.sides.map(Into::into),
-            proxy: self.settings.proxy.clone(),
-            ..self.lights.overrides()
-        }
+        SceneOverrides { proxy: self.settings.proxy.clone(), ..self.lights.overrides(self.settings.sides) }
+    }
+}
+
+impl SceneArgs {
+    /// Loads the scene; of the options only backend and seed have a meaning.
+    ///
+    /// # Errors
+    /// Those of [`luxel::scene::load`].
+    pub fn load(&self) -> Result<Job> {
+        let (scene, file) = luxel::scene::load(&self.scene, &self.lights.overrides(self.tracing.sides))?;
+        let mut options = BakeOptions::default();
+        file.apply(&mut options);
+        options.backend = self.tracing.backend.map_or(options.backend, Into::into);
+        options.seed = self.tracing.seed.unwrap_or(options.seed);
+        Ok(Job { scene, options, threads: self.running.threads.or(file.threads) })
     }
 }
 
 impl Lights {
     /// What they change in a scene.
-    pub fn overrides(&self) -> SceneOverrides {
+    pub fn overrides(&self, sides: Option<Sides>) -> SceneOverrides {
         SceneOverrides {
             sky: self.sky,
             suns: self.sun.clone(),
@@ -215,6 +257,7 @@ impl Lights {
             environment: self.environment.clone(),
             emit: self.emit.clone(),
             albedo: self.albedo.clone(),
+            sides: sides.map(Into::into),
             ..SceneOverrides::default()
         }
     }

@@ -43,7 +43,7 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", value_parser = parse::positive, default_value = "20")]
     limit: f64,
     /// Standard error of the reference
-    #[arg(long, value_name = "P%", value_parser = parse::percent, default_value = "0.5%")]
+    #[arg(long, value_name = "SHARE", value_parser = parse::share, default_value = "0.5%")]
     stderr: f64,
     /// A simplified mesh of the scene, to compare as patches too
     #[arg(long, value_name = "FILE", conflicts_with = "suite")]
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<()> {
         ..Settings::default()
     };
     let jobs = match &args.scene {
-        Some(path) => vec![(path.clone(), SceneOverrides { proxy: args.proxy.clone(), ..args.lights.overrides() })],
+        Some(path) => vec![(path.clone(), SceneOverrides { proxy: args.proxy.clone(), ..args.lights.overrides(None) })],
         None => suite(args)?,
     };
     let running = &args.running;

@@ -13,9 +13,11 @@ mod args;
 mod bake;
 mod bench;
 mod check;
+mod compare;
 mod parse;
 mod points;
 mod progress;
+mod reference;
 mod selftest;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
@@ -37,6 +39,10 @@ enum Command {
     Check(check::Args),
     /// Irradiance at given points
     Points(points::Args),
+    /// Irradiance at given points by path tracing, with its standard errors: slow and unbiased, to measure bakes against
+    Reference(reference::Args),
+    /// How far light is from that of a reference
+    Compare(compare::Args),
     /// Measure error against time: many settings, and path tracing, against a reference
     Bench(bench::Args),
     /// Compute known answers on this machine: form factors, CIE 171:2006, enclosures, invariants
@@ -59,6 +65,8 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
         Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
         Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Reference(args) => reference::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Compare(args) => compare::run(args),
         Command::Bench(args) => bench::run(args).map(|()| ExitCode::SUCCESS),
         Command::Selftest(args) => selftest::run(args),
     }));

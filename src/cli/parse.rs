@@ -21,6 +21,22 @@ pub fn positive(text: &str) -> Parsed<f64> {
     if x > 0.0 { Ok(x) } else { Err("must be above 0".into()) }
 }
 
+/// A share above zero: `2%`, or `0.02`.
+pub fn share(text: &str) -> Parsed<f64> {
+    match text.trim().strip_suffix('%') {
+        Some(percent) => Ok(positive(percent)? / 100.0),
+        None => match positive(text)? {
+            x if x < 1.0 => Ok(x),
+            x => Err(format!("{x} of the whole is more than all; was {x}% meant?")),
+        },
+    }
+}
+
+/// Paths a point.
+pub fn paths(text: &str) -> Parsed<u32> {
+    whole(text, 2, 1 << 30)
+}
+
 /// A number above zero that single precision holds.
 pub fn positive_f32(text: &str) -> Parsed<f32> {
     let x = positive(text)? as f32;
@@ -73,12 +89,6 @@ pub fn samples(text: &str) -> Parsed<u32> {
 /// How many.
 pub fn count(text: &str) -> Parsed<usize> {
     whole(text, 1, 100_000_000)
-}
-
-/// `0.5%`, as a fraction; above 0.
-pub fn percent(text: &str) -> Parsed<f64> {
-    let number = text.trim().strip_suffix('%').ok_or("expected a percentage, such as 0.5%")?;
-    Ok(positive(number)? / 100.0)
 }
 
 /// Threads of a pool.
@@ -180,9 +190,6 @@ mod tests {
         assert_eq!(message(positive("-0").map(drop)), "must be above 0");
         assert_eq!(message(size("640").map(drop)), "expected WIDTHxHEIGHT, such as 640x480");
         assert_eq!(message(number("1,5").map(drop)), "\"1,5\" is not a number");
-        assert_eq!(message(percent("0.5").map(drop)), "expected a percentage, such as 0.5%");
-        assert_eq!(message(percent("0%").map(drop)), "must be above 0");
-        assert_eq!(percent("2.5 %"), Ok(0.025));
         assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
     }
 }

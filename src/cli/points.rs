@@ -11,7 +11,7 @@ use luxel::{
     Error, Result,
     bake::Irradiance,
     output::{atomic::Staged, report::summary},
-    scene::SurfacePoint,
+    scene::{Frame, SurfacePoint},
 };
 
 use super::{
@@ -34,14 +34,20 @@ pub struct Args {
 
 /// A point of the world with its unit normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Point {
-    position: DVec3,
-    normal: DVec3,
+pub(super) struct Point {
+    pub position: DVec3,
+    pub normal: DVec3,
+}
+
+impl Point {
+    /// The point in the frame of a scene.
+    pub fn local(&self, frame: &Frame) -> SurfacePoint {
+        SurfacePoint { position: frame.to_local(self.position), normal: self.normal.as_vec3().normalize() }
+    }
 }
 
 pub fn run(args: &Args) -> Result<()> {
-    let text = fs::read_to_string(&args.at).map_err(|e| Error::io(&args.at, e))?;
-    let points = parse(&args.at, &text)?;
+    let points = read(&args.at)?;
     let job = args.bake.load()?;
     let scene = &job.scene;
     let (folder, name) = split(&args.output)?;
@@ -50,11 +56,7 @@ pub fn run(args: &Args) -> Result<()> {
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let (bake, light) = job.on_threads(|| {
         let bake = luxel::bake(scene, &job.options, &progress)?;
-        let local = |p: &Point| SurfacePoint {
-            position: scene.frame.to_local(p.position),
-            normal: p.normal.as_vec3().normalize(),
-        };
-        let light = bake.irradiance(&points.iter().map(local).collect::<Vec<_>>(), &progress);
+        let light = bake.irradiance(&points.iter().map(|p| p.local(&scene.frame)).collect::<Vec<_>>(), &progress);
         Ok((bake, light))
     })?;
     staged.write(name, |out| write(out, &points, &light))?;
@@ -67,7 +69,7 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 /// Folder and name of the output file.
-pub fn split(path: &Path) -> Result<(&Path, &str)> {
+pub(super) fn split(path: &Path) -> Result<(&Path, &str)> {
     let name = path.file_name().and_then(|n| n.to_str());
     let name = name.ok_or_else(|| Error::Option(format!("-o {}: a file name was expected", path.display())))?;
     if path.is_dir() {
@@ -75,6 +77,12 @@ pub fn split(path: &Path) -> Result<(&Path, &str)> {
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     Ok((folder.unwrap_or(Path::new(".")), name))
+}
+
+/// Reads a file of points.
+pub(super) fn read(path: &Path) -> Result<Vec<Point>> {
+    let text = fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    parse(path, &text)
 }
 
 /// Reads the points of `text`; errors name the line of `path`.

@@ -6,7 +6,7 @@
 
 use std::f32::consts::PI;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::{numbers::fraction, pick::Pick, sky::Map};
 use crate::{
@@ -37,10 +37,10 @@ enum Lamp {
 #[derive(Clone, Copy)]
 struct Facet {
     /// One corner, as far off the surface as rays start: rays end there.
-    corner: Vec3,
-    u: Vec3,
-    v: Vec3,
-    normal: Vec3,
+    corner: Vec3A,
+    u: Vec3A,
+    v: Vec3A,
+    normal: Vec3A,
     glow: Glow,
 }
 
@@ -49,7 +49,7 @@ struct Facet {
 struct Disc {
     /// As far off the disc as rays start.
     centre: Vec3,
-    normal: Vec3,
+    normal: Vec3A,
     radius: f32,
     glow: Glow,
 }
@@ -58,7 +58,7 @@ struct Disc {
 #[derive(Clone, Copy)]
 struct Glow {
     /// pi times the radiance.
-    exitance: Vec3,
+    exitance: Vec3A,
     /// pi times the density of its points among those looked for, by area.
     density: f32,
 }
@@ -66,11 +66,15 @@ struct Glow {
 /// A way to light, as a vertex sees it.
 pub(super) struct Look {
     /// Of the shadow ray; not a unit vector.
-    pub direction: Vec3,
+    pub direction: Vec3A,
     /// End of the shadow ray.
     pub t_max: f32,
     /// Irradiance if nothing is in the way, divided by the density of the choice.
-    pub irradiance: Vec3,
+    pub irradiance: Vec3A,
+}
+
+impl Look {
+    const NOTHING: Look = Look { direction: Vec3A::ZERO, t_max: 0.0, irradiance: Vec3A::ZERO };
 }
 
 /// All lights of a scene.
@@ -146,45 +150,46 @@ impl Lamps {
         self.floating.is_some()
     }
 
-    /// Looks for light from `x` (off its surface) with unit normal `n`, by two random words. None if the lamp that was picked gives
-    /// nothing there.
+    /// Looks for light from `x` (off its surface) with unit normal `n`, by two random words. The irradiance is zero if the
+    /// lamp that was picked gives nothing there.
     #[inline]
-    pub fn look(&self, x: Vec3, n: Vec3, u: u32, v: u32) -> Option<Look> {
-        let (lamp, u) = self.pick.pick(u)?;
+    pub fn look(&self, x: Vec3A, n: Vec3A, u: u32, v: u32) -> Look {
+        let Some((lamp, u)) = self.pick.pick(u) else { return Look::NOTHING };
         let v = fraction(v);
         match &self.lamps[lamp as usize] {
             Lamp::Facet(f) => {
-                // Folded at the diagonal: cheap, and both halves of the square are equally good.
-                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                // Folded at the diagonal, without a branch that would be taken half of the time.
+                let fold = (u + v > 1.0) as i32 as f32;
+                let (u, v) = (u + fold * (1.0 - 2.0 * u), v + fold * (1.0 - 2.0 * v));
                 f.glow.look(f.corner + u * f.u + v * f.v - x, n, f.normal)
             }
             Lamp::Disc(d) => {
-                let (e1, e2) = sampling::frame(d.normal);
+                let (e1, e2) = sampling::frame(d.normal.into());
                 let at = sampling::concentric_disc(u, v) * d.radius;
-                d.glow.look(d.centre + at.x * e1 + at.y * e2 - x, n, d.normal)
+                d.glow.look(Vec3A::from(d.centre + at.x * e1 + at.y * e2) - x, n, d.normal)
             }
-            Lamp::Point { position, range, intensity } => from_point(*position - x, n, *range, *intensity),
+            Lamp::Point { position, range, intensity } => from_point(Vec3A::from(*position) - x, n, *range, *intensity),
             Lamp::Spot { position, direction, cos_inner, cos_outer, range, intensity } => {
-                let to_lamp = *position - x;
-                let cos = -to_lamp.normalize_or_zero().dot(*direction);
+                let to_lamp = Vec3A::from(*position) - x;
+                let cos = -to_lamp.normalize_or_zero().dot(Vec3A::from(*direction));
                 let t = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-6)).clamp(0.0, 1.0);
                 from_point(to_lamp, n, *range, t * t * *intensity)
             }
             Lamp::Sun { direction, irradiance } => {
-                let cos = -n.dot(*direction);
-                let irradiance = cos * *irradiance;
-                (cos > 0.0).then_some(Look { direction: -*direction, t_max: f32::INFINITY, irradiance })
+                let direction = -Vec3A::from(*direction);
+                let irradiance = n.dot(direction).max(0.0) * Vec3A::from(*irradiance);
+                Look { direction, t_max: f32::INFINITY, irradiance }
             }
             Lamp::Map { map, pick } => {
                 let map = &self.maps[*map as usize];
                 let (direction, density) = map.sample(u, v);
-                let cos = n.dot(direction);
+                let cos = Vec3::from(n).dot(direction);
                 if cos <= 0.0 || density <= 0.0 {
-                    return None;
+                    return Look::NOTHING;
                 }
                 let k = pick * density * PI / cos;
                 let irradiance = PI * map.radiance(direction) * share(k);
-                Some(Look { direction, t_max: f32::INFINITY, irradiance })
+                Look { direction: direction.into(), t_max: f32::INFINITY, irradiance: irradiance.into() }
             }
         }
     }
@@ -192,11 +197,11 @@ impl Lamps {
     /// pi times the radiance that a ray brings which met a glowing surface, weighed against looking for it.
     /// `direction` is the ray's: normal + point of the unit sphere; `facing` its product with the lamp's normal.
     #[inline]
-    pub fn met(&self, lamp: u32, t: f32, direction: Vec3, facing: f32) -> Vec3 {
+    pub fn met(&self, lamp: u32, t: f32, direction: Vec3A, facing: f32) -> Vec3A {
         let glow = match &self.lamps[lamp as usize] {
             Lamp::Facet(f) => f.glow,
             Lamp::Disc(d) => d.glow,
-            _ => return Vec3::ZERO,
+            _ => return Vec3A::ZERO,
         };
         // The cosine at the start is half the length of the direction.
         let k = 2.0 * glow.density * t * t * direction.length_squared() / facing.max(f32::MIN_POSITIVE);
@@ -204,7 +209,8 @@ impl Lamps {
     }
 
     /// pi times the radiance that a ray brings which met nothing; `direction` as in [`Lamps::met`].
-    pub fn sky(&self, direction: Vec3) -> Vec3 {
+    pub fn sky(&self, direction: Vec3A) -> Vec3A {
+        let direction = Vec3::from(direction);
         let mut light = PI * self.sky;
         let length = direction.length();
         for (map, pick) in self.maps.iter().zip(&self.map_picks) {
@@ -212,12 +218,12 @@ impl Lamps {
             let k = pick * map.density(unit) * PI / (0.5 * length);
             light += PI * map.radiance(unit) / (1.0 + k * k);
         }
-        light
+        light.into()
     }
 
     /// What rays bring from the floating lamps that they cross before they end; `add` gets the ray and pi times the
     /// radiance, weighed against looking for it.
-    pub fn meet_floating(&self, rays: &RayBatch, hits: &[Hit], c: &mut Crossing, mut add: impl FnMut(usize, Vec3)) {
+    pub fn meet_floating(&self, rays: &RayBatch, hits: &[Hit], c: &mut Crossing, mut add: impl FnMut(usize, Vec3A)) {
         let Some(floating) = &self.floating else { return };
         c.rays.clear();
         c.of.clear();
@@ -242,9 +248,9 @@ impl Lamps {
                 let (origin, direction) = (c.rays.origin(k), c.rays.direction(k));
                 let lamp = floating.lamp_of[hit.triangle()];
                 if !hit.is_back() && self.is_on(lamp, origin + hit.t * direction) {
-                    let facing = self.normal(lamp).dot(direction).abs();
+                    let facing = self.normal(lamp).dot(direction.into()).abs();
                     if hit.t - RAY_OFFSET / facing <= c.limit[k] {
-                        add(c.of[k] as usize, self.met(lamp, hit.t, direction, facing));
+                        add(c.of[k] as usize, self.met(lamp, hit.t, direction.into(), facing));
                     }
                 }
                 let t_max = c.rays.t_max[k];
@@ -262,23 +268,25 @@ impl Lamps {
     /// Whether `x`, in the square around a lamp, is on it.
     fn is_on(&self, lamp: u32, x: Vec3) -> bool {
         match &self.lamps[lamp as usize] {
-            Lamp::Disc(d) => (x - d.centre).reject_from_normalized(d.normal).length_squared() <= d.radius * d.radius,
+            Lamp::Disc(d) => {
+                (x - d.centre).reject_from_normalized(d.normal.into()).length_squared() <= d.radius * d.radius
+            }
             _ => true,
         }
     }
 
-    fn normal(&self, lamp: u32) -> Vec3 {
+    fn normal(&self, lamp: u32) -> Vec3A {
         match &self.lamps[lamp as usize] {
             Lamp::Facet(f) => f.normal,
             Lamp::Disc(d) => d.normal,
-            _ => Vec3::ZERO,
+            _ => Vec3A::ZERO,
         }
     }
 }
 
 /// Overwrites ray `i`.
 #[inline]
-pub(super) fn set_ray(rays: &mut RayBatch, i: usize, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) {
+fn set_ray(rays: &mut RayBatch, i: usize, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) {
     (rays.origin_x[i], rays.origin_y[i], rays.origin_z[i]) = origin.into();
     (rays.direction_x[i], rays.direction_y[i], rays.direction_z[i]) = direction.into();
     (rays.t_min[i], rays.t_max[i]) = (t_min, t_max);
@@ -292,29 +300,26 @@ fn share(k: f32) -> f32 {
 impl Glow {
     /// A shadow ray along `d` to a point of a lamp with unit normal `m`.
     #[inline]
-    fn look(&self, d: Vec3, n: Vec3, m: Vec3) -> Option<Look> {
+    fn look(&self, d: Vec3A, n: Vec3A, m: Vec3A) -> Look {
         let (here, there) = (n.dot(d), -m.dot(d));
-        if here <= 0.0 || there <= 0.0 {
-            return None;
-        }
         let r2 = d.length_squared();
-        // 1 / k, which is small for all but the nearest lamps.
-        let inverse = (here * there / (self.density * r2 * r2)).min(1e18);
-        let irradiance = self.exitance * (inverse / (1.0 + inverse * inverse));
-        Some(Look { direction: d, t_max: 1.0, irradiance })
+        // k = far / near. Beyond 1e15 the heuristic's denominator is 1 to all digits, and its squares might overflow.
+        let (near, far) = (here.max(0.0) * there.max(0.0), self.density * r2 * r2);
+        let share = if far > 1e15 { near / far } else { near * far / (near * near + far * far).max(f32::MIN_POSITIVE) };
+        Look { direction: d, t_max: 1.0, irradiance: self.exitance * share }
     }
 }
 
 /// cos / d^2 with the range window of KHR_lights_punctual. A light nearer than a ray's offset counts as that far.
-fn from_point(to_lamp: Vec3, n: Vec3, range: f32, intensity: Vec3) -> Option<Look> {
-    let cos = n.dot(to_lamp);
+fn from_point(to_lamp: Vec3A, n: Vec3A, range: f32, intensity: Vec3) -> Look {
+    let cos = n.dot(to_lamp).max(0.0);
     let d2 = to_lamp.length_squared();
-    if cos <= 0.0 || d2 == 0.0 {
-        return None;
+    if d2 == 0.0 {
+        return Look::NOTHING;
     }
     let window = (1.0 - (d2 / (range * range)).powi(2)).clamp(0.0, 1.0);
     let irradiance = window * cos / (d2.sqrt() * d2.max(RAY_OFFSET * RAY_OFFSET)) * intensity;
-    Some(Look { direction: to_lamp, t_max: 1.0, irradiance })
+    Look { direction: to_lamp, t_max: 1.0, irradiance: irradiance.into() }
 }
 
 fn is_light(colour: Vec3) -> bool {
@@ -353,8 +358,9 @@ impl Collector {
             return NO_LAMP;
         }
         let normal = cross.normalize().as_vec3();
-        let glow = Glow { exitance: PI * radiance, density: 0.0 };
-        let facet = Facet { corner: corner + RAY_OFFSET * normal, u, v, normal, glow };
+        let glow = Glow { exitance: (PI * radiance).into(), density: 0.0 };
+        let corner = corner + RAY_OFFSET * normal;
+        let facet = Facet { corner: corner.into(), u: u.into(), v: v.into(), normal: normal.into(), glow };
         self.push(Lamp::Facet(facet), std::f64::consts::PI * area * mean(radiance), area)
     }
 
@@ -385,8 +391,8 @@ impl Collector {
                 if !(centre.is_finite() && area > 0.0 && area.is_finite()) {
                     return;
                 }
-                let glow = Glow { exitance: PI * *radiance, density: 0.0 };
-                let disc = Disc { centre: *centre + RAY_OFFSET * normal, normal, radius: *radius, glow };
+                let glow = Glow { exitance: (PI * *radiance).into(), density: 0.0 };
+                let disc = Disc { centre: *centre + RAY_OFFSET * normal, normal: normal.into(), radius: *radius, glow };
                 let lamp = self.push(Lamp::Disc(disc), std::f64::consts::PI * area * mean(*radiance), area);
                 let (u, v) = sampling::frame(normal);
                 // Slightly more than the disc, which decides by itself.

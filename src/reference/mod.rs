@@ -73,6 +73,10 @@ pub struct Reference {
     pub indirect_error: Vec<Vec3>,
     /// Standard error of their sum.
     pub total_error: Vec<Vec3>,
+    /// Standard error of the luminance of `direct`.
+    pub direct_luminance_error: Vec<f64>,
+    /// Standard error of the luminance of `indirect`.
+    pub indirect_luminance_error: Vec<f64>,
     /// Standard error of the luminance of their sum.
     pub luminance_error: Vec<f64>,
     /// Paths a point.
@@ -102,7 +106,7 @@ const REPLICATES: u32 = 16;
 /// Paths a replicate of the first round when a standard error is asked for.
 const PILOT: u32 = 4;
 /// Paths that are under way together.
-const BATCH: usize = 4096;
+const BATCH: usize = 2048;
 /// Points whose replicates are held in memory together.
 const BLOCK: usize = 2048;
 
@@ -152,6 +156,17 @@ pub fn irradiance(
     };
     progress.end();
     Ok(tracing.finish(converged, begun))
+}
+
+/// `scene`, if it has surfaces and light.
+///
+/// # Errors
+/// [`Error::Scene`] with what is missing.
+pub fn check_scene(scene: &Scene) -> Result<&Scene> {
+    if scene.triangles.is_empty() {
+        return Err(Error::Scene(format!("scene \"{}\" has no geometry", scene.name)));
+    }
+    if scene.has_light() { Ok(scene) } else { Err(Error::Scene(scene.no_light_message())) }
 }
 
 fn check(options: &ReferenceOptions) -> Result<()> {
@@ -266,7 +281,7 @@ impl Tracing<'_> {
         let (mut mean, mut square) = (0.0, 0.0);
         for sums in &self.sums {
             mean += sums.luminance();
-            square += sums.luminance_variance();
+            square += sums.luminance_errors()[2].powi(2);
         }
         let n = self.sums.len().max(1) as f64;
         if mean > 0.0 { (square / n).sqrt() / (mean / n) } else { 0.0 }
@@ -280,6 +295,8 @@ impl Tracing<'_> {
             direct_error: none.clone(),
             indirect_error: none.clone(),
             total_error: none,
+            direct_luminance_error: vec![0.0; self.points.len()],
+            indirect_luminance_error: vec![0.0; self.points.len()],
             luminance_error: vec![0.0; self.points.len()],
             samples: self.sums.first().map_or(0, |s| s.samples() as u32),
             degrees_of_freedom: self.sums.first().map_or(0.0, Sums::degrees_of_freedom),
@@ -300,7 +317,8 @@ impl Tracing<'_> {
             r.direct_error[i] = single(sums.direct_error());
             r.indirect_error[i] = single(sums.indirect_error());
             r.total_error[i] = single(sums.total_error());
-            r.luminance_error[i] = sums.luminance_variance().sqrt();
+            [r.direct_luminance_error[i], r.indirect_luminance_error[i], r.luminance_error[i]] =
+                sums.luminance_errors();
         }
         r.seconds = begun.elapsed().as_secs_f64();
         r

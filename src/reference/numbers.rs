@@ -5,15 +5,19 @@ use crate::sampling;
 /// Samples that one table of stratified numbers holds.
 pub(super) const MOST_STRATIFIED: u32 = 4096;
 
-/// Numbers of one kind of decision, 32-bit fractions, one entry a path.
-#[derive(Default)]
-pub(super) struct Draws {
+/// What a random number decides.
+#[derive(Clone, Copy)]
+pub(super) enum Decision {
     /// Which lamp, and where on it.
-    pub lamp: [Vec<u32>; 2],
+    Lamp,
+    /// The other coordinate of the place on the lamp.
+    LampToo,
     /// Where the path goes on.
-    pub direction: [Vec<u32>; 2],
-    /// Whether the next vertex goes on.
-    pub roulette: Vec<u32>,
+    Direction,
+    /// The other coordinate of the direction.
+    DirectionToo,
+    /// Whether the path goes on from the next vertex.
+    Roulette,
 }
 
 /// Owen-scrambled Sobol points in eight dimensions, shared by all receivers, which XOR them with random words of their
@@ -44,6 +48,7 @@ impl Table {
     }
 
     /// Word `dimension` of point `k`.
+    #[inline]
     fn word(&self, dimension: usize, k: u32) -> u32 {
         self.dimensions[dimension][k as usize]
     }
@@ -68,9 +73,11 @@ pub(super) struct Shift {
 impl Shift {
     /// That of a replicate of a receiver; `identity` tells it from all others.
     pub fn new(identity: &[u64; 4]) -> Shift {
-        let [seed, round, point, replicate] = *identity;
-        let word = |k: u64| sampling::hash(&[seed, round, point, replicate, k]);
-        let pairs: [u64; 5] = std::array::from_fn(|k| word(k as u64));
+        let mut word = sampling::hash(identity);
+        let pairs: [u64; 5] = std::array::from_fn(|_| {
+            word = sampling::hash(&[word]);
+            word
+        });
         let words = std::array::from_fn(|k| (pairs[k / 2] >> (32 * (k % 2))) as u32);
         Shift { words, root: pairs[4] as u32 }
     }
@@ -93,46 +100,36 @@ fn mix(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Who a path is: its place in the batch's receivers, its sample and its key.
-pub(super) struct Identities<'a> {
-    /// Receiver (of the batch) of every path.
-    pub slot: &'a [u32],
-    /// Sample of every path.
-    pub sample: &'a [u32],
-    /// [`Shift::key`] of every path.
-    pub key: &'a [u32],
+/// Who a path is.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Identity {
+    /// Its receiver in the batch.
+    pub slot: u32,
+    /// Its sample.
+    pub sample: u32,
+    /// [`Shift::key`] of the sample.
+    pub key: u32,
 }
 
-/// Numbers for each vertex.
-const EACH: u32 = 5;
-
-/// Fills `out` with decision `which` (0 and 1: lamp, 2 and 3: direction, 4: roulette) of vertex `bounce`.
-fn fill(out: &mut Vec<u32>, paths: &Identities, which: u32, bounce: u32, table: &Table, shifts: &[Shift]) {
-    out.clear();
-    if bounce < 2 && which < 4 {
-        let d = (4 * bounce + which) as usize;
-        let words = paths.slot.iter().zip(paths.sample);
-        out.extend(words.map(|(&slot, &k)| table.word(d, k) ^ shifts[slot as usize].words[d]));
-    } else {
-        let counter = (bounce * EACH + which + 1).wrapping_mul(GOLDEN);
-        out.extend(paths.key.iter().map(|&key| mix(key.wrapping_add(counter))));
-    }
+/// The random numbers of vertices after so many reflections.
+#[derive(Clone, Copy)]
+pub(super) struct Numbers<'a> {
+    pub table: &'a Table,
+    pub shifts: &'a [Shift],
+    pub bounce: u32,
 }
 
-impl Draws {
-    /// Numbers that choose the lamps of vertex `bounce`.
-    pub fn lamps(&mut self, paths: &Identities, bounce: u32, table: &Table, shifts: &[Shift]) {
-        for (which, out) in self.lamp.iter_mut().enumerate() {
-            fill(out, paths, which as u32, bounce, table, shifts);
+impl Numbers<'_> {
+    /// A 32-bit fraction.
+    #[inline(always)]
+    pub fn word(&self, path: &Identity, decision: Decision) -> u32 {
+        let which = decision as u32;
+        if self.bounce < 2 && which < 4 {
+            let d = (4 * self.bounce + which) as usize;
+            self.table.word(d, path.sample) ^ self.shifts[path.slot as usize].words[d]
+        } else {
+            mix(path.key.wrapping_add((5 * self.bounce + which + 1).wrapping_mul(GOLDEN)))
         }
-    }
-
-    /// Numbers that choose where paths go from vertex `bounce`, and whether they go on from the next.
-    pub fn directions(&mut self, paths: &Identities, bounce: u32, table: &Table, shifts: &[Shift]) {
-        for (which, out) in self.direction.iter_mut().enumerate() {
-            fill(out, paths, 2 + which as u32, bounce, table, shifts);
-        }
-        fill(&mut self.roulette, paths, 4, bounce, table, shifts);
     }
 }
 

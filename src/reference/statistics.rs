@@ -6,8 +6,8 @@
 use super::walk::Light;
 use crate::compare::luminance_f64;
 
-/// Quantities whose errors are known: direct, indirect, total (three bands each), luminance of the total.
-const QUANTITIES: usize = 10;
+/// Quantities whose errors are known: direct, indirect, total (three bands each), then their luminances.
+const QUANTITIES: usize = 12;
 
 /// What is known of one point.
 #[derive(Clone, Copy, Debug)]
@@ -35,8 +35,13 @@ impl Sums {
         let quantities = |light: &Light| -> [f64; QUANTITIES] {
             let l = light.map(|x| x / each as f64);
             let total = [l[0] + l[3], l[1] + l[4], l[2] + l[5]];
-            let lum = luminance_f64(total);
-            [l[0], l[1], l[2], l[3], l[4], l[5], total[0], total[1], total[2], lum]
+            let [direct, indirect] = [[l[0], l[1], l[2]], [l[3], l[4], l[5]]];
+            let mut all = [0.0; QUANTITIES];
+            for (k, bands) in [direct, indirect, total].iter().enumerate() {
+                all[3 * k..3 * k + 3].copy_from_slice(bands);
+                all[9 + k] = luminance_f64(*bands);
+            }
+            all
         };
         let mut mean = [0.0; QUANTITIES];
         for light in replicates {
@@ -99,12 +104,12 @@ impl Sums {
 
     /// Luminance of the total.
     pub fn luminance(&self) -> f64 {
-        self.mean(9)
+        self.mean(11)
     }
 
-    /// Variance of the mean of the luminance of the total.
-    pub fn luminance_variance(&self) -> f64 {
-        self.error(9).powi(2)
+    /// Of the luminance of direct light, of indirect light and of their sum.
+    pub fn luminance_errors(&self) -> [f64; 3] {
+        [9, 10, 11].map(|k| self.error(k))
     }
 }
 

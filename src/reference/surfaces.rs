@@ -1,13 +1,9 @@
 //! The surfaces of a scene as paths meet them.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 use super::lamps::NO_LAMP;
-use crate::{
-    Scene,
-    scene::RAY_OFFSET,
-    trace::{Hit, RayBatch},
-};
+use crate::{Scene, scene::RAY_OFFSET, trace::Hit};
 
 /// Share of the way to the middle of its triangle that a hit is moved: more than rounding, so that a path that meets
 /// an inner edge does not go on behind the wall beside it.
@@ -17,13 +13,13 @@ const INWARDS: f32 = 1.0 / (1 << 20) as f32;
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 struct Surface {
-    normal: Vec3,
+    normal: Vec3A,
+    /// Middle times [`INWARDS`].
+    pull: Vec3A,
+    /// Where it is the same everywhere.
+    albedo: Vec3A,
     /// normal . position of its plane.
     offset: f32,
-    /// Middle times [`INWARDS`].
-    pull: Vec3,
-    /// Where it is the same everywhere.
-    albedo: Vec3,
     textured: bool,
     two_sided: bool,
     /// Lamps of the front and the back.
@@ -39,11 +35,11 @@ pub(super) struct Surfaces<'a> {
 /// Where a path met a surface that reflects.
 pub(super) struct Met {
     /// Where the next ray starts: off the surface.
-    pub origin: Vec3,
+    pub origin: Vec3A,
     /// Unit normal of the side that was met.
-    pub normal: Vec3,
+    pub normal: Vec3A,
     /// Reflectance there.
-    pub albedo: Vec3,
+    pub albedo: Vec3A,
 }
 
 impl<'a> Surfaces<'a> {
@@ -55,10 +51,10 @@ impl<'a> Surfaces<'a> {
             let albedo = scene.constant_albedo(t);
             let offset = normal.as_dvec3().dot(corners[0].as_dvec3()) as f32;
             Surface {
-                normal,
+                normal: normal.into(),
                 offset,
-                pull: (corners[0] + corners[1] + corners[2]) / 3.0 * INWARDS,
-                albedo: albedo.map_or(Vec3::ZERO, |a| a.clamp(Vec3::ZERO, Vec3::ONE)),
+                pull: ((corners[0] + corners[1] + corners[2]) / 3.0 * INWARDS).into(),
+                albedo: albedo.map_or(Vec3::ZERO, |a| a.clamp(Vec3::ZERO, Vec3::ONE)).into(),
                 textured: albedo.is_none(),
                 two_sided: scene.triangles[t].two_sided,
                 lamps: lamps[t],
@@ -69,25 +65,26 @@ impl<'a> Surfaces<'a> {
 
     /// The lamp that a ray met, with the cosine (times the ray's length) at which it left; none on a dark side.
     #[inline]
-    pub fn lamp(&self, hit: &Hit, direction: Vec3) -> Option<(u32, f32)> {
+    pub fn lamp(&self, hit: &Hit, direction: Vec3A) -> Option<(u32, f32)> {
         let surface = &self.of_triangle[hit.triangle()];
         let lamp = surface.lamps[hit.is_back() as usize];
         (lamp != NO_LAMP).then(|| (lamp, surface.normal.dot(direction).abs()))
     }
 
-    /// The vertex of a path where ray `i` met a surface; none on the back of a one-sided one.
+    /// The vertex of a path where a ray met a surface; none on the back of a one-sided one.
     #[inline]
-    pub fn met(&self, hit: &Hit, rays: &RayBatch, i: usize) -> Option<Met> {
+    pub fn met(&self, hit: &Hit, origin: Vec3A, direction: Vec3A) -> Option<Met> {
         let surface = &self.of_triangle[hit.triangle()];
         if hit.is_back() && !surface.two_sided {
             return None;
         }
-        let near = rays.origin(i) + hit.t * rays.direction(i);
+        let near = origin + hit.t * direction;
         let near = near * (1.0 - INWARDS) + surface.pull;
         // Onto the plane, and off it to the side that was met: rounding of far hits is more than the offset.
         let side = if hit.is_back() { -1.0 } else { 1.0 };
         let height = surface.offset - surface.normal.dot(near) + side * RAY_OFFSET;
-        let albedo = if surface.textured { self.scene.albedo(hit.triangle(), hit.u, hit.v) } else { surface.albedo };
+        let albedo =
+            if surface.textured { self.scene.albedo(hit.triangle(), hit.u, hit.v).into() } else { surface.albedo };
         Some(Met { origin: near + height * surface.normal, normal: side * surface.normal, albedo })
     }
 }
