@@ -70,12 +70,14 @@ pub mod trace;
 pub mod transfer;
 
 pub mod bake;
+pub mod bench;
 pub mod compare;
 pub mod estimate;
 pub mod forecast;
 pub mod goal;
 pub mod output;
 pub mod reference;
+pub mod selftest;
 
 pub use bake::bake;
 pub use error::{Error, Result};

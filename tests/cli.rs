@@ -375,3 +375,66 @@ fn quality_gives_way_to_explicit_settings_and_excludes_goals() {
         assert_eq!(output.status.code(), Some(2), "{wrong:?}");
     }
 }
+
+#[test]
+fn the_selftest_passes_and_writes_its_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("selftest.json");
+    let output = luxel(&["selftest", "--backend", "auto", "--json", file.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", stdout(&output));
+    let table: serde_json::Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    let rows = table["rows"].as_array().unwrap();
+    assert!(rows.len() > 40);
+    for row in rows {
+        assert_eq!(row["backend"], "auto");
+        assert_ne!(row["verdict"], "fail", "{row}");
+        assert!(stdout(&output).contains(row["case"].as_str().unwrap()));
+    }
+    for case in ["parallel", "upright", "5.3", "5.4", "5.6", "5.8", "furnace", "sphere", "trap", "reciprocity"] {
+        assert!(rows.iter().any(|row| row["case"].as_str().unwrap().contains(case)), "no case {case}");
+    }
+}
+
+#[test]
+fn a_bench_writes_tables_and_a_plot_and_keeps_its_reference() {
+    let (folder, scene) = room();
+    let out = folder.path().join("bench");
+    let paths = ["bench", scene.to_str().unwrap(), "-o", out.to_str().unwrap()];
+    let few = ["--places", "40", "--job", "40", "--repeats", "1", "--stderr", "5%"];
+    let run = |more: &[&str]| luxel(&[&paths[..], &few[..], more].concat());
+    let output = run(&[]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let table = fs::read_to_string(out.join("bench.md")).unwrap();
+    assert!(stdout(&output).contains("## room") && table.contains("| * |"), "{table}");
+    assert!(table.contains("threads, luxel ") && table.contains("(room.svg)"), "{table}");
+    let csv = fs::read_to_string(out.join("bench.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "{csv}");
+    let column = |name: &str| rows[0].iter().position(|c| *c == name).unwrap();
+    for method in ["bake", "paths"] {
+        assert!(rows.iter().any(|row| row[column("method")] == method), "{csv}");
+    }
+    for row in &rows[1..] {
+        assert!(row[column("seconds")].parse::<f64>().unwrap() > 0.0, "{row:?}");
+        assert!(row[column("total_rmse")].parse::<f64>().unwrap().is_finite(), "{row:?}");
+    }
+    let svg = fs::read_to_string(out.join("room.svg")).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("Pareto front") && svg.contains("path tracing"));
+    let reference = names(&out).into_iter().find(|name| name.starts_with("reference-")).unwrap();
+    let written = fs::metadata(out.join(&reference)).unwrap().modified().unwrap();
+
+    // Nothing is baked in no time.
+    let output = run(&["--limit", "1e-9"]);
+    assert!(output.status.success() && stdout(&output).contains("Left out"), "{}", stdout(&output));
+    assert_eq!(fs::metadata(out.join(&reference)).unwrap().modified().unwrap(), written);
+    assert_eq!(names(&out).len(), 4);
+}
+
+#[test]
+fn a_suite_that_is_not_there_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let nowhere = folder.path().to_str().unwrap();
+    let output = luxel(&["bench", "--suite", "-o", nowhere, "--scenes", nowhere, "--shared", nowhere]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("cornell.toml") && stderr(&output).contains("--scenes"), "{}", stderr(&output));
+}

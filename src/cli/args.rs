@@ -140,7 +140,7 @@ pub struct Goals {
 /// Added to the lights of the scene.
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Lights and materials")]
-struct Lights {
+pub struct Lights {
     /// Sky of constant radiance, W/m2/sr
     #[arg(long, value_name = "R,G,B", value_parser = parse::colour, allow_hyphen_values = true)]
     sky: Option<Vec3>,
@@ -190,12 +190,20 @@ impl Job {
     /// # Errors
     /// Those of `work`; the system gives no threads.
     pub fn on_threads<T: Send>(&self, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(self.threads.unwrap_or(0))
-            .build()
-            .map_err(|e| Error::Option(format!("cannot start the threads: {e}; try fewer with --threads")))?;
-        pool.install(work)
+        on_threads(self.threads, work)
     }
+}
+
+/// Runs `work` on so many threads, one a core if none are given.
+///
+/// # Errors
+/// Those of `work`; the system gives no threads.
+pub fn on_threads<T: Send>(threads: Option<usize>, work: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.unwrap_or(0))
+        .build()
+        .map_err(|e| Error::Option(format!("cannot start the threads: {e}; try fewer with --threads")))?;
+    pool.install(work)
 }
 
 impl BakeArgs {
@@ -209,8 +217,7 @@ impl BakeArgs {
         {
             return Err(Error::Option("--proxy gives the patches: leave --patches out, or make it proxy".into()));
         }
-        let (scene, file) =
-            luxel::scene::load(&self.scene, &self.lights.overrides(self.settings.sides, self.settings.proxy.as_ref()))?;
+        let (scene, file) = luxel::scene::load(&self.scene, &self.overrides())?;
         let mut base = BakeOptions::default();
         file.apply(&mut base);
         if let Some(quality) = self.settings.quality {
@@ -256,13 +263,19 @@ impl BakeArgs {
     }
 }
 
+impl BakeArgs {
+    fn overrides(&self) -> SceneOverrides {
+        SceneOverrides { proxy: self.settings.proxy.clone(), ..self.lights.overrides(self.settings.sides) }
+    }
+}
+
 impl SceneArgs {
     /// Loads the scene; of the options only backend and seed have a meaning.
     ///
     /// # Errors
     /// Those of [`luxel::scene::load`].
     pub fn load(&self) -> Result<Job> {
-        let (scene, file) = luxel::scene::load(&self.scene, &self.lights.overrides(self.tracing.sides, None))?;
+        let (scene, file) = luxel::scene::load(&self.scene, &self.lights.overrides(self.tracing.sides))?;
         let mut options = BakeOptions::default();
         file.apply(&mut options);
         options.backend = self.tracing.backend.map_or(options.backend, Into::into);
@@ -272,7 +285,8 @@ impl SceneArgs {
 }
 
 impl Lights {
-    fn overrides(&self, sides: Option<Sides>, proxy: Option<&PathBuf>) -> SceneOverrides {
+    /// What they change in a scene.
+    pub fn overrides(&self, sides: Option<Sides>) -> SceneOverrides {
         SceneOverrides {
             sky: self.sky,
             suns: self.sun.clone(),
@@ -281,7 +295,7 @@ impl Lights {
             emit: self.emit.clone(),
             albedo: self.albedo.clone(),
             sides: sides.map(Into::into),
-            proxy: proxy.cloned(),
+            ..SceneOverrides::default()
         }
     }
 }
@@ -290,7 +304,7 @@ impl Lights {
 macro_rules! choice {
     ($name:ident for $target:ty { $($(#[$doc:meta])* $value:ident),+ $(,)? }) => {
         #[derive(Clone, Copy, Debug, ValueEnum)]
-        enum $name { $($(#[$doc])* $value),+ }
+        pub enum $name { $($(#[$doc])* $value),+ }
 
         impl From<$name> for $target {
             fn from(choice: $name) -> $target {

@@ -18,7 +18,7 @@ use luxel::{
     },
 };
 
-use super::{TOO_DIFFERENT, parse, points::split, say};
+use super::{WORSE, parse, points::split, say};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         100.0 * allowed,
         if passed { "passed" } else { "FAILED" }
     ));
-    Ok(if passed { ExitCode::SUCCESS } else { ExitCode::from(TOO_DIFFERENT) })
+    Ok(if passed { ExitCode::SUCCESS } else { ExitCode::from(WORSE) })
 }
 
 fn missing(of: Kind) -> Error {

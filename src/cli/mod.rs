@@ -11,17 +11,19 @@ use clap::{Parser, Subcommand};
 
 mod args;
 mod bake;
+mod bench;
 mod check;
 mod compare;
 mod parse;
 mod points;
 mod progress;
 mod reference;
+mod selftest;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
-/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a larger difference than `compare` was told
-/// to allow, 101 a bug of luxel.
+/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked, 101 a bug of
+/// luxel.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -41,10 +43,14 @@ enum Command {
     Reference(reference::Args),
     /// How far light is from that of a reference
     Compare(compare::Args),
+    /// Measure error against time: many settings, and path tracing, against a reference
+    Bench(bench::Args),
+    /// Compute known answers on this machine: form factors, CIE 171:2006, enclosures, invariants
+    Selftest(selftest::Args),
 }
 
-/// Exit code of a comparison that found a larger difference than was allowed.
-const TOO_DIFFERENT: u8 = 3;
+/// Exit code where all was done, and a figure is worse than asked.
+const WORSE: u8 = 3;
 
 /// Exit code of a bug, as of any panic of a Rust program.
 const BUG: u8 = 101;
@@ -61,6 +67,8 @@ pub fn main() -> ExitCode {
         Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
         Command::Reference(args) => reference::run(args).map(|()| ExitCode::SUCCESS),
         Command::Compare(args) => compare::run(args),
+        Command::Bench(args) => bench::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Selftest(args) => selftest::run(args),
     }));
     match result {
         Ok(Ok(code)) => code,

@@ -102,6 +102,11 @@ pub fn samples(text: &str) -> Parsed<u32> {
     whole(text, 1, 65536)
 }
 
+/// How many.
+pub fn count(text: &str) -> Parsed<usize> {
+    whole(text, 1, 100_000_000)
+}
+
 /// Threads of a pool.
 pub fn threads(text: &str) -> Parsed<usize> {
     whole(text, 1, 4096)
