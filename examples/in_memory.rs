@@ -8,7 +8,7 @@ use luxel::{
     BakeOptions, Result, Scene,
     light::{self, LightSet},
     progress::Silent,
-    reconstruct::{self, Field, PatchIndex},
+    reconstruct::{self, Field, Level, PatchIndex},
     scene::SurfacePoint,
     scene::{Builder, Material, RawMaterial, RawMesh, SidesRule},
     simplify::{self, Grid},
@@ -117,6 +117,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         tracer: &*tracer,
         normals: &normals,
         cos_threshold: options.normal_threshold.to_radians().cos(),
+        level: &Level::default(),
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

@@ -1,25 +1,32 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
+use std::borrow::Cow;
+
 use crate::{
     BakeOptions, Error, Result, Scene, forecast,
-    light::LightSet,
+    light::{Census, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
     reconstruct::PatchIndex,
     report::Report,
     simplify::{self, Grid},
+    skip::{self, Foresight, Wanted},
     trace, transfer,
 };
 
 mod exchange;
 mod finished;
 mod measure;
+mod needs;
+mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
 
 use exchange::Exchange;
 use measure::{Clock, Work};
+use needs::Needs;
+use skipped::Found;
 
 /// Bakes a scene.
 ///
@@ -28,11 +35,16 @@ use measure::{Clock, Work};
 /// for options without sense or voxels too small for the memory.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
     check(scene, options)?;
+    let only = Wanted::new(scene, &options.only)?;
     let mut clock = Clock::new();
+    let (scene, plain) = if options.skip { skip::plain(scene) } else { (Cow::Borrowed(scene), Vec::new()) };
+    let scene = &*scene;
 
     let grid = Grid::new(scene, options.resolution)?;
     simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
-    let tracer = trace::build(options.backend, &scene.geometry())?;
+    let geometry = scene.geometry();
+    let tracer = trace::build(options.backend, &geometry)?;
+    let mut foresight = Foresight::new(options.skip, &geometry);
     let lights = LightSet::new(scene);
     clock.stop("build");
 
@@ -47,9 +59,18 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
     clock.stop("simplify");
 
-    let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
-    let exchange = Exchange { simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
-    let (direct, mut visibility) = exchange.direct();
+    let mut lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
+    let exchange = Exchange {
+        simplified: &simplified,
+        lights: &lights,
+        tracer: &*tracer,
+        foresight: &foresight,
+        options,
+        progress,
+    };
+    let census = Census::new(&lights).filter(|_| options.skip);
+    let (direct, mut visibility) = exchange.direct(census.as_ref());
+    let mut shadows = foresight.take();
     clock.stop("direct");
 
     let rows_tracer = face_tracer.as_deref().unwrap_or(&*tracer);
@@ -61,8 +82,14 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
             scene.name
         )));
     }
-    let all = !options.skip_unreached;
-    let estimate = transfer::estimate(&simplified, rows_tracer, &lit, all, options.rays, options.seed, progress);
+    let index = PatchIndex::new(&simplified.patches, grid);
+    let needs = Needs::new(scene, &simplified, &index, options, only.as_ref(), &foresight);
+    let plan = needs.plan(&lit);
+    let mut estimate = transfer::estimate_plan(&simplified, rows_tracer, &plan, options.rays, options.seed, progress);
+    if plan.backwards {
+        // All that is lit may send light to the wanted meshes, by shadow rays too.
+        estimate.reached.iter_mut().zip(&lit).for_each(|(reached, lit)| *reached |= lit);
+    }
     let rows_seconds = clock.stop("form factors");
 
     let primary = exchange.primary(direct, &estimate.form_factors);
@@ -71,8 +98,9 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     if rays > 0 {
         clock.stop("bright patches");
     }
-    let (secondary, solution) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
-    let light = PatchLight {
+    let (secondary, solution, bands) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
+    shadows.1 += foresight.take().1;
+    let mut light = PatchLight {
         direct: primary.direct,
         indirect: secondary.indirect,
         radiosity: secondary.radiosity,
@@ -81,8 +109,20 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     };
     clock.stop("solve");
 
-    let index = PatchIndex::new(&simplified.patches, grid);
-    let mesh = vertices::mesh(scene, &simplified, &light, &index, options, &*tracer);
+    needs.see(&mut light);
+    needs.learn(&mut foresight, &simplified, &estimate.form_factors, &lights);
+    let found = Found {
+        plain,
+        outer: needs.outer,
+        clear: estimate.clear,
+        outside: estimate.outside,
+        few: estimate.few,
+        own: needs.near.map(|[own, _]| own),
+        shadows,
+        dark: needs::forget_dark(&mut lights, census),
+        bands,
+    };
+    let mesh = vertices::mesh(scene, &simplified, &light, &index, options, only.as_ref(), &*tracer);
     clock.stop("split mesh");
 
     let mut bake = Bake {
@@ -97,6 +137,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
         bright: bright.map(|b| b.patches.lights),
         glow: primary.glow,
         smooth: secondary.smooth,
+        foresight,
         index,
         normals: scene.normals(),
         tracer,
@@ -105,7 +146,7 @@ pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Re
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices");
 
-    let work = Work { solution, row_rays: estimate.rays, visibility, rows_seconds };
+    let work = Work { solution, row_rays: estimate.rays, visibility, rows_seconds, found };
     bake.report = measure::report(scene, &bake, work, clock);
     Ok(bake)
 }

@@ -70,7 +70,7 @@ fn every_mode_gives_the_same_bytes_with_any_number_of_threads() {
         faces(options(10, 64)),
         BakeOptions { primary: Primary::Radiosity, ..options(10, 64) },
         BakeOptions { reconstruct: Reconstruct::Nearest4, ..faces(options(10, 64)) },
-        BakeOptions { skip_unreached: false, ..options(10, 64) },
+        BakeOptions { skip: false, ..options(10, 64) },
     ];
     for options in modes {
         let one = with_threads(1, &options);

@@ -5,12 +5,13 @@ use glam::Vec3;
 use super::exchange::add;
 use crate::{
     BakeOptions,
-    light::{self, LightSet},
+    light::{self, Known, LightSet},
     progress::Progress,
     reconstruct::{self, Field, PatchIndex},
     report::Report,
     scene::SurfacePoint,
     simplify::{NO_PATCH, Patches, Simplified, SplitMesh},
+    skip::Foresight,
     trace::{Hit, RayTracer},
     transfer::FormFactors,
 };
@@ -64,6 +65,7 @@ pub struct Bake {
     pub(super) glow: Option<Vec<Vec3>>,
     /// Indirect irradiance of the patches without what the bright ones send.
     pub(super) smooth: Vec<Vec3>,
+    pub(super) foresight: Foresight,
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
@@ -126,9 +128,14 @@ impl Bake {
     pub(super) fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
+        let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
+        let known = Known { view: &view, skip: self.foresight.on, census: None };
         for block in points.chunks(BLOCK) {
             let lit = |lights: &LightSet| {
-                light::irradiance(lights, &*self.tracer, block, 1, samples, self.options.seed).irradiance
+                let seed = self.options.seed;
+                let result = light::irradiance_where(lights, &*self.tracer, block, 1, samples, seed, &known);
+                self.foresight.count(&result);
+                result.irradiance
             };
             all.direct.extend(add(lit(&self.lights), self.glow.as_ref().map(|glow| self.interpolate(block, glow))));
             all.indirect.extend(add(self.interpolate(block, &self.smooth), self.bright.as_ref().map(lit)));
@@ -147,6 +154,7 @@ impl Bake {
             tracer: &*self.tracer,
             normals: &self.normals,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
+            level: &self.foresight.level,
         };
         reconstruct::interpolate(&field, self.options.reconstruct, points)
     }

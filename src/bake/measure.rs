@@ -4,12 +4,16 @@ use std::time::Instant;
 
 use crate::{
     Scene,
-    report::{Counts, Energy, Rays, Report, RowSums, Skipped, Solver, Stage},
+    report::{Counts, Energy, Rays, Report, RowSums, Solver, Stage},
+    skip,
     solve::Solution,
     transfer::FormFactors,
 };
 
-use super::Bake;
+use super::{
+    Bake,
+    skipped::{self, Found},
+};
 
 /// Times the stages.
 pub(super) struct Clock {
@@ -20,6 +24,11 @@ pub(super) struct Clock {
 impl Clock {
     pub fn new() -> Clock {
         Clock { last: Instant::now(), stages: Vec::new() }
+    }
+
+    /// Seconds of a stage that has ended; zero if there was none.
+    pub fn seconds(&self, name: &str) -> f64 {
+        self.stages.iter().filter(|s| s.name == name).map(|s| s.seconds).sum()
     }
 
     /// Ends a stage; its seconds.
@@ -38,22 +47,14 @@ pub(super) struct Work {
     /// Shadow rays to patches.
     pub visibility: u64,
     pub rows_seconds: f64,
+    pub found: Found,
 }
 
 /// Measures a finished bake.
 pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Report {
     let (patches, f) = (bake.patches(), &bake.form_factors);
     let reached = bake.light.reached.iter().filter(|&&r| r).count();
-    let unreached = patches.len() - reached;
-    let mut skipped = Vec::new();
-    if unreached > 0 {
-        skipped.push(Skipped {
-            what: "patches that no light reaches".into(),
-            patches: unreached,
-            rays: unreached as u64 * (bake.options.rays as u64).saturating_sub(64),
-            error: "none of 64 probe rays of each met a lit patch, and no ray of a lit patch met it".into(),
-        });
-    }
+    let skipped = skip::list(&skipped::audit(scene, bake, work.found, work.row_rays, &clock));
     Report {
         version: env!("CARGO_PKG_VERSION").into(),
         backend: bake.tracer.name(),

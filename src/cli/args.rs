@@ -74,9 +74,12 @@ struct Settings {
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Trace also the patches that no light can reach
+    /// Compute also what the scene does not need: bake.json lists what is left out otherwise
     #[arg(long)]
     no_skip: bool,
+    /// Bake this mesh alone, in the light of the whole scene; may be repeated
+    #[arg(long, value_name = "MESH")]
+    only: Vec<String>,
 }
 
 /// Added to the lights of the scene.
@@ -168,7 +171,8 @@ impl BakeArgs {
             patch_samples: s.patch_samples.unwrap_or(base.patch_samples),
             tolerance: s.tolerance.unwrap_or(base.tolerance),
             seed: s.seed.unwrap_or(base.seed),
-            skip_unreached: base.skip_unreached && !s.no_skip,
+            skip: base.skip && !s.no_skip,
+            only: if s.only.is_empty() { base.only } else { s.only.clone() },
         }
     }
 

@@ -2,11 +2,13 @@
 
 mod edges;
 mod index;
+mod level;
 mod nearest4;
 mod smooth;
 
 pub use edges::clear_of_walls;
 pub use index::PatchIndex;
+pub use level::Level;
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -34,6 +36,8 @@ pub struct Field<'a> {
     pub normals: &'a [Vec3],
     /// Cosine of the largest angle between the normals of a point and a patch.
     pub cos_threshold: f32,
+    /// Where patches are visible without asking.
+    pub level: &'a Level,
 }
 
 impl Field<'_> {

@@ -28,6 +28,13 @@ struct Neighbour {
     weight: f32,
 }
 
+/// Where the neighbours of a point end.
+struct Run {
+    end: usize,
+    /// Whether the point certainly sees all of them.
+    clear: bool,
+}
+
 /// Fits a plane to the values of the neighbours of every point, and takes its value at the point, kept within what
 /// the neighbours say. Points without visible neighbours take the paper's four nearest.
 pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
@@ -35,8 +42,8 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
     let mut neighbours: Vec<Neighbour> = Vec::with_capacity(points.len() * 16);
     let mut ends = Vec::with_capacity(points.len());
     for point in points {
-        gather(field, point, h, &mut neighbours);
-        ends.push(neighbours.len());
+        let clear = gather(field, point, h, &mut neighbours);
+        ends.push(Run { end: neighbours.len(), clear });
     }
     drop_hidden(field, points, &ends, h, &mut neighbours);
 
@@ -44,7 +51,7 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
     points
         .iter()
         .zip(ends)
-        .map(|(point, end)| {
+        .map(|(point, Run { end, .. })| {
             let own = &neighbours[begin..end];
             begin = end;
             fit(field, point, own, h).unwrap_or_else(|| nearest4::interpolate(field, point))
@@ -52,14 +59,16 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
         .collect()
 }
 
-/// Known patches that face the same way, lie near and on the same smooth surface.
-fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>) {
+/// Known patches that face the same way, lie near and on the same smooth surface; whether nothing can hide them.
+fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>) -> bool {
     if !point.is_sound() {
-        return;
+        return false;
     }
+    let mut clear = field.level.is_known();
     let patches = field.patches();
     let begin = out.len();
-    field.index.near(point.position, RADIUS, |j| {
+    field.index.near(point.position, RADIUS + 2.0 * LIFT, |j| {
+        clear = clear && field.level.is_like(j, patches.normal[j], point.normal);
         if !field.known[j] {
             return;
         }
@@ -85,33 +94,34 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
         own[..MOST].sort_unstable_by_key(|n| n.patch);
         out.truncate(begin + MOST);
     }
+    clear
 }
 
 /// Takes the weight from neighbours that the point does not see. Surfaces that face like the point do not block, or
 /// convex surfaces would hide their own.
-fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, neighbours: &mut [Neighbour]) {
+fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[Run], h: f32, neighbours: &mut [Neighbour]) {
     let patches = field.patches();
     let mut rays = RayBatch::with_capacity(neighbours.len());
+    // Point and neighbour of every ray.
+    let mut of_ray = Vec::with_capacity(neighbours.len());
     let mut begin = 0;
-    for (point, &end) in points.iter().zip(ends) {
+    for (i, (point, run)) in points.iter().zip(ends).enumerate() {
         let from = point.position + LIFT * h * point.normal;
-        for n in &neighbours[begin..end] {
-            let j = n.patch as usize;
+        let own = begin..run.end;
+        begin = run.end;
+        for k in own.filter(|_| !run.clear) {
+            let j = neighbours[k].patch as usize;
             rays.push(from, patches.centroid[j] + LIFT * h * patches.normal[j] - from, 0.0, 1.0);
+            of_ray.push((i, k));
         }
-        begin = end;
     }
     let mut hits = vec![Hit::NONE; rays.len()];
     field.tracer.closest_hits(&rays, &mut hits);
-    let mut begin = 0;
-    for (point, &end) in points.iter().zip(ends) {
-        for k in begin..end {
-            let blocks = |h: &Hit| h.is_hit() && field.normals[h.triangle()].dot(point.normal).abs() < UNLIKE;
-            if blocks(&hits[k]) {
-                neighbours[k].weight = 0.0;
-            }
+    field.level.count(rays.len(), neighbours.len() - rays.len());
+    for (h, (i, k)) in hits.iter().zip(of_ray) {
+        if h.is_hit() && field.normals[h.triangle()].dot(points[i].normal).abs() < UNLIKE {
+            neighbours[k].weight = 0.0;
         }
-        begin = end;
     }
 }
 
