@@ -91,7 +91,7 @@ fn the_list_tells_what_was_saved() {
     let [skip, all] = both(&open.build(), &options(12, 64));
     // Four sides and the bottom of the lower block, the top of the upper one.
     let outer = skipped(&skip, "outer shells");
-    assert!(outer.patches > 400 && outer.bound == Some(0.0), "{outer:?}");
+    assert!(outer.patches > 300 && outer.bound == Some(0.0), "{outer:?}");
     let saved = all.report.rays.form_factors - skip.report.rays.form_factors;
     assert!(outer.rays > saved / 2 && outer.seconds.unwrap() > 0.0, "{outer:?}, {saved} rays");
     for what in ["that face away", "sky rays without sky", "along surfaces", "channels"] {
@@ -109,11 +109,23 @@ fn the_list_tells_what_was_saved() {
 
 #[test]
 fn points_that_see_no_sky_or_only_sky_lose_no_more_light_than_the_bound() {
-    // Blocks in the open see only sky on most sides; a deep shaft sees none at its bottom, some at its top.
-    let mut world = blocks();
-    let wall = world.grey(0.5, 0.0);
-    world.block(DVec3::new(0.0, 0.9, 0.0), DVec3::new(1.0, 1.0, 1.0), wall);
-    world.block(DVec3::new(0.0, 0.8, 0.95), DVec3::new(1.0, 0.9, 1.0), wall);
+    // A court under the sky, and a chamber beside it with a low slot between: its ceiling sees no sky.
+    let mut world = World::new();
+    let wall = world.grey(0.7, 0.0);
+    let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
+    for (corner, u, v) in [
+        (DVec3::ZERO, 2.0 * x, y),
+        (DVec3::ZERO, y, z),
+        (2.0 * x, z, y),
+        (DVec3::ZERO, z, 2.0 * x),
+        (y, 2.0 * x, z),
+        (x + z, y, x),
+        (x + 0.2 * z, y, 0.8 * z),
+        (0.98 * x + 0.2 * z, 0.8 * z, y),
+        (0.98 * x + 0.2 * z, y, 0.02 * x),
+    ] {
+        world.quad("wall", corner, u, v, wall);
+    }
     world.builder.add_light(WorldLight::Sky { radiance: Vec3::new(1.0, 2.0, 3.0) });
     let stage = world.build();
     let [skip, all] = both(&stage, &options(24, 256));

@@ -19,9 +19,9 @@ pub struct Sky {
 }
 
 /// Patches within this many voxels are asked.
-const RADIUS: f32 = 1.5;
+const RADIUS: f32 = 1.25;
 /// Rays that must agree.
-const ENOUGH: u32 = 1024;
+const ENOUGH: u32 = 512;
 /// Cosine from which on a patch faces like a point.
 const LIKE: f32 = 0.5;
 
