@@ -8,7 +8,7 @@ use luxel::{
     BakeOptions, Result, Scene,
     light::{self, LightSet},
     progress::Silent,
-    reconstruct::{self, Field, PatchIndex},
+    reconstruct::{self, Field, Level, PatchIndex},
     scene::SurfacePoint,
     scene::{Builder, Material, RawMaterial, RawMesh, SidesRule},
     simplify::{self, Grid},
@@ -120,6 +120,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         two_sided: &two_sided,
         cos_threshold: options.normal_threshold.to_radians().cos(),
         senders: None,
+        level: &Level::default(),
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

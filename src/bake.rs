@@ -1,28 +1,32 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
-use std::time::Instant;
+use std::{borrow::Cow, time::Instant};
 
 use crate::{
     BakeOptions, Error, Result, Scene, estimate, forecast,
-    light::{LampPower, LightSet},
+    light::{Census, LampPower, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
     reconstruct::PatchIndex,
     report::Report,
     simplify::{self, Grid},
+    skip::{self, Foresight, Wanted},
     trace::{self, Hit},
-    transfer,
 };
 
 mod exchange;
 mod finished;
 mod measure;
+mod needs;
+mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
 
 use exchange::Exchange;
 use measure::{Clock, Work};
+use needs::Needs;
+use skipped::Found;
 
 /// Bakes a scene.
 ///
@@ -41,11 +45,16 @@ pub(crate) fn bake_until(
     deadline: Option<Instant>,
 ) -> Result<Bake> {
     check(scene, options)?;
+    let only = Wanted::new(scene, &options.only)?;
     let mut clock = Clock::new(deadline);
+    let (scene, plain) = if options.skip { skip::plain(scene) } else { (Cow::Borrowed(scene), Vec::new()) };
+    let scene = &*scene;
 
     let grid = Grid::new(scene, options.resolution)?;
     simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
-    let tracer = trace::build(options.backend, &scene.geometry())?;
+    let geometry = scene.geometry();
+    let tracer = trace::build(options.backend, &geometry)?;
+    let mut foresight = Foresight::new(options.skip, &geometry);
     let lights = LightSet::new(scene);
     clock.stop("build")?;
 
@@ -57,9 +66,19 @@ pub(crate) fn bake_until(
 
     let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
     let lamps = LampPower::new(&lights, &*tracer, inside, options.seed);
-    let lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
-    let exchange = Exchange { scene, simplified: &simplified, lights: &lights, tracer: &*tracer, options, progress };
-    let (direct, mut visibility) = exchange.direct();
+    let mut lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
+    let exchange = Exchange {
+        scene,
+        simplified: &simplified,
+        lights: &lights,
+        tracer: &*tracer,
+        foresight: &foresight,
+        options,
+        progress,
+    };
+    let census = Census::new(&lights).filter(|_| options.skip);
+    let (direct, mut visibility) = exchange.direct(census.as_ref());
+    let mut shadows = foresight.take();
     clock.stop("direct")?;
 
     let rows_tracer = face_tracer.as_deref().unwrap_or(&*tracer);
@@ -71,10 +90,11 @@ pub(crate) fn bake_until(
             scene.name
         )));
     }
-    let all = !options.skip_unreached;
+    let index = PatchIndex::new(&simplified.patches, grid);
+    let needs = Needs::new(scene, &simplified, &index, options, only.as_ref(), &foresight);
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let (estimate, primary, bright) = loop {
-        let estimate = transfer::estimate(&simplified, rows_tracer, &lit, all, options.rays, options.seed, progress);
+        let estimate = needs.estimate(&simplified, rows_tracer, &lit, options, progress);
         row_rays += estimate.rays;
         rows_seconds += clock.stop("form factors")?;
         let primary = exchange.primary(&direct, &estimate.form_factors);
@@ -91,8 +111,9 @@ pub(crate) fn bake_until(
         let bright = bright.filter(|bright| exchange.is_balanced(bright, &primary, f));
         break (estimate, primary, bright);
     };
-    let (secondary, solution) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
-    let light = PatchLight {
+    let (secondary, solution, bands) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
+    shadows.1 += foresight.take().1;
+    let mut light = PatchLight {
         direct: primary.direct,
         indirect: secondary.indirect,
         radiosity: secondary.radiosity,
@@ -101,8 +122,20 @@ pub(crate) fn bake_until(
     };
     clock.stop("solve")?;
 
-    let index = PatchIndex::new(&simplified.patches, grid);
-    let mesh = vertices::mesh(scene, &simplified, &light, &index, options, &*tracer);
+    needs.see(&mut light);
+    needs.learn(&mut foresight, &simplified, &estimate.form_factors, &lights);
+    let found = Found {
+        plain,
+        outer: needs.outer,
+        clear: estimate.clear,
+        outside: estimate.outside,
+        few: estimate.few,
+        own: needs.near.map(|[own, _]| own),
+        shadows,
+        dark: needs::forget_dark(&mut lights, census),
+        bands,
+    };
+    let mesh = vertices::mesh(scene, &simplified, &light, &index, options, only.as_ref(), &*tracer);
     clock.stop("split mesh")?;
 
     let mut bake = Bake {
@@ -119,6 +152,7 @@ pub(crate) fn bake_until(
         glow: primary.glow,
         smooth: secondary.smooth,
         carried: secondary.carried,
+        foresight,
         index,
         normals: scene.normals(),
         two_sided: scene.triangles.iter().map(|t| t.two_sided).collect(),
@@ -133,7 +167,7 @@ pub(crate) fn bake_until(
         clock.stop("estimate")?;
     }
 
-    let work = Work { solution, row_rays, visibility, rows_seconds, lamps };
+    let work = Work { solution, row_rays, visibility, rows_seconds, lamps, found };
     bake.report = measure::report(scene, &bake, work, clock);
     (bake.report.error, bake.error) = error.unzip();
     Ok(bake)

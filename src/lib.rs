@@ -65,6 +65,7 @@ pub mod light;
 pub mod reconstruct;
 pub mod scene;
 pub mod simplify;
+pub mod skip;
 pub mod solve;
 pub mod trace;
 pub mod transfer;

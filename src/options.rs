@@ -108,8 +108,10 @@ pub struct BakeOptions {
     pub tolerance: f64,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Skip patches that no light can reach.
-    pub skip_unreached: bool,
+    /// Leave out what the scene does not need; the report lists what, and what it costs.
+    pub skip: bool,
+    /// Names of the meshes whose light is wanted; empty: all.
+    pub only: Vec<String>,
     /// Estimate the error of the result.
     pub estimate: bool,
 }
@@ -131,7 +133,8 @@ impl Default for BakeOptions {
             patch_samples: 32,
             tolerance: 1e-6,
             seed: 0,
-            skip_unreached: true,
+            skip: true,
+            only: Vec::new(),
             estimate: true,
         }
     }

@@ -203,6 +203,10 @@ pub struct Skipped {
     pub patches: usize,
     /// Rays that were saved.
     pub rays: u64,
-    /// Bound or measurement of the error it costs.
+    /// Seconds that were saved: the rays, at the rate of those that were cast; `None` where that is not known.
+    pub seconds: Option<f64>,
+    /// Relative bound or measurement of the error it costs, where it is a number.
+    pub bound: Option<f64>,
+    /// What the bound is, and why.
     pub error: String,
 }

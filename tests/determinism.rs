@@ -71,7 +71,7 @@ fn every_mode_gives_the_same_bytes_with_any_number_of_threads() {
         faces(options(10, 64)),
         BakeOptions { primary: Primary::Radiosity, ..options(10, 64) },
         BakeOptions { reconstruct: Reconstruct::Nearest4, ..faces(options(10, 64)) },
-        BakeOptions { skip_unreached: false, ..options(10, 64) },
+        BakeOptions { skip: false, ..options(10, 64) },
         BakeOptions { estimate: true, ..options(10, 64) },
         BakeOptions { estimate: true, primary: Primary::Radiosity, ..faces(options(10, 64)) },
         BakeOptions { reconstruct: Reconstruct::Gather, gather_rays: 64, ..options(10, 64) },

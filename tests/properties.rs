@@ -253,7 +253,7 @@ fn light_given_is_light_absorbed_or_escaped() {
 #[test]
 fn form_factors_are_reciprocal_up_to_noise() {
     let rays = 4096.0;
-    let bake = furnished(0.5, 0).build().bake(&BakeOptions { skip_unreached: false, ..options(5, rays as u32) });
+    let bake = furnished(0.5, 0).build().bake(&BakeOptions { skip: false, ..options(5, rays as u32) });
     let n = bake.patches().len();
     let mut f = vec![0.0; n * n];
     for i in 0..n {
@@ -535,7 +535,7 @@ fn skipping_what_no_light_reaches_changes_nothing_else() {
     for (base, what) in [(options(12, 64), "surfels"), (faces(options(12, 64)), "faces")] {
         let stage = furnished(0.6, 0).build();
         let skipped = stage.bake(&base);
-        let all = stage.bake(&BakeOptions { skip_unreached: false, ..base.clone() });
+        let all = stage.bake(&BakeOptions { skip: false, ..base.clone() });
         let mut compared = 0;
         for i in 0..all.patches().len() {
             if skipped.light.reached[i] {

@@ -4,10 +4,11 @@ use glam::Vec3;
 
 use crate::{
     BakeOptions, Scene,
-    light::{self, Bright, LightSet},
+    light::{self, Bright, Census, Known, LightSet},
     options::{PatchSource, Primary},
     progress::Progress,
     simplify::{self, Simplified},
+    skip::{self, Foresight},
     solve::{self, Solution},
     trace::RayTracer,
     transfer::{self, Estimate, FormFactors},
@@ -21,6 +22,8 @@ pub(super) struct Exchange<'a> {
     pub lights: &'a LightSet,
     /// Tracer of the real surfaces.
     pub tracer: &'a dyn RayTracer,
+    /// What spares shadow rays.
+    pub foresight: &'a Foresight,
     pub options: &'a BakeOptions,
     pub progress: &'a dyn Progress,
 }
@@ -66,9 +69,10 @@ const MOST_LOST: f64 = 1e-4;
 const LEAST_SEEN: f32 = 0.05;
 
 impl Exchange<'_> {
-    /// Irradiance of the patches from the lights, over all of their surface; and the shadow rays it took.
-    pub fn direct(&self) -> (Vec<Vec3>, u64) {
-        self.sampled(self.lights)
+    /// Irradiance of the patches from the lights, over all of their surface; and the shadow rays it took. `census`
+    /// learns which lamps reach anything.
+    pub fn direct(&self, census: Option<&Census>) -> (Vec<Vec3>, u64) {
+        self.sampled(self.lights, census)
     }
 
     /// Which patches light starts from.
@@ -101,7 +105,7 @@ impl Exchange<'_> {
             return None;
         }
         let patches = Bright::choose(self.simplified, &primary.source, &estimate.reached)?;
-        let (mut received, rays) = self.sampled(&patches.lights);
+        let (mut received, rays) = self.sampled(&patches.lights, None);
         visible_part(&mut received, &estimate.form_factors);
         Some(Sent { patches, received, rays })
     }
@@ -139,8 +143,13 @@ impl Exchange<'_> {
         self.simplified.patches.area[i] as f64 * (1.0 - f.hidden(i))
     }
 
-    /// Solves for the light that goes on by form factors.
-    pub fn secondary(&self, primary: &PrimaryLight, bright: Option<&Sent>, f: &FormFactors) -> (Secondary, Solution) {
+    /// Solves for the light that goes on by form factors; and how many of the channels are distinct.
+    pub fn secondary(
+        &self,
+        primary: &PrimaryLight,
+        bright: Option<&Sent>,
+        f: &FormFactors,
+    ) -> (Secondary, Solution, usize) {
         let albedo: Vec<[f64; 3]> = self.simplified.patches.albedo.iter().map(|&a| rgb(a)).collect();
         let mut source = primary.source.clone();
         let mut sent = vec![Vec3::ZERO; source.len()];
@@ -151,7 +160,11 @@ impl Exchange<'_> {
                 source[i] = std::array::from_fn(|c| source[i][c] + albedo[i][c] * sent[i][c] as f64);
             }
         }
-        let solution = solve::solve(f, &albedo, &source, self.options.tolerance);
+        let (solution, bands) = if self.foresight.on {
+            skip::solve(f, &albedo, &source, self.options.tolerance)
+        } else {
+            (solve::solve(f, &albedo, &source, self.options.tolerance), 3)
+        };
         let smooth: Vec<Vec3> = solution.irradiance.iter().map(|&e| vec3(e)).collect();
         let indirect = add(sent, Some(smooth.clone()));
         let carried: Vec<Vec3> = solution.radiosity.iter().map(|&b| vec3(b)).collect();
@@ -159,10 +172,11 @@ impl Exchange<'_> {
         for &i in bright.iter().flat_map(|b| &b.patches.patches) {
             radiosity[i as usize] += vec3(primary.source[i as usize]);
         }
-        (Secondary { indirect, smooth, radiosity, carried }, solution)
+        (Secondary { indirect, smooth, radiosity, carried }, solution, bands)
     }
 
-    fn sampled(&self, lights: &LightSet) -> (Vec<Vec3>, u64) {
+    fn sampled(&self, lights: &LightSet, census: Option<&Census>) -> (Vec<Vec3>, u64) {
+        let known = Known { view: &|points| self.foresight.of_patch(points), skip: self.foresight.on, census };
         let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
         let samples = self.options.patch_samples;
         let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
@@ -173,7 +187,9 @@ impl Exchange<'_> {
             if !matches!(self.options.patches, PatchSource::Surfels | PatchSource::Faces) {
                 points = simplify::onto_surfaces(self.scene, self.tracer, &points);
             }
-            let result = light::irradiance(lights, self.tracer, &points, samples as usize, samples, self.options.seed);
+            let (per, seed) = (samples as usize, self.options.seed);
+            let result = light::irradiance_where(lights, self.tracer, &points, per, samples, seed, &known);
+            self.foresight.count(&result);
             direct.extend(result.irradiance);
             rays += result.rays;
             self.progress.advance(block.len() as u64);

@@ -6,13 +6,14 @@ use super::exchange::add;
 use crate::{
     BakeOptions,
     estimate::VertexError,
-    light::{self, LightSet},
+    light::{self, Known, LightSet},
     options::Reconstruct,
     progress::Progress,
     reconstruct::{self, Field, PatchIndex, Senders},
     report::Report,
     scene::SurfacePoint,
     simplify::{NO_PATCH, Patches, Simplified, SplitMesh},
+    skip::Foresight,
     trace::{Hit, RayTracer},
     transfer::FormFactors,
 };
@@ -70,6 +71,7 @@ pub struct Bake {
     pub(crate) smooth: Vec<Vec3>,
     /// Radiosity of the patches that goes on by form factors, W/m2.
     pub(crate) carried: Vec<Vec3>,
+    pub(super) foresight: Foresight,
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
     pub(super) normals: Vec<Vec3>,
@@ -141,9 +143,14 @@ impl Bake {
     pub(super) fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
+        let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
+        let known = Known { view: &view, skip: self.foresight.on, census: None };
         for block in points.chunks(BLOCK) {
             let lit = |lights: &LightSet| {
-                light::irradiance(lights, &*self.tracer, block, 1, samples, self.options.seed).irradiance
+                let seed = self.options.seed;
+                let result = light::irradiance_where(lights, &*self.tracer, block, 1, samples, seed, &known);
+                self.foresight.count(&result);
+                result.irradiance
             };
             let glow = self.glow.as_ref().map(|glow| self.interpolate(block, glow, &self.patches().emitted));
             all.direct.extend(add(lit(&self.lights), glow));
@@ -179,6 +186,7 @@ impl Bake {
                 rays: self.options.gather_rays,
                 seed: self.options.seed,
             }),
+            level: &self.foresight.level,
         }
     }
 }

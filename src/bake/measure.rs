@@ -5,12 +5,16 @@ use std::time::Instant;
 use crate::{
     Error, Result, Scene,
     light::LampPower,
-    report::{Counts, Energy, Rays, Report, RowSums, Skipped, Solver, Stage},
+    report::{Counts, Energy, Rays, Report, RowSums, Solver, Stage},
+    skip,
     solve::Solution,
     transfer::FormFactors,
 };
 
-use super::Bake;
+use super::{
+    Bake,
+    skipped::{self, Found},
+};
 
 /// Times the stages.
 pub(super) struct Clock {
@@ -22,6 +26,11 @@ pub(super) struct Clock {
 impl Clock {
     pub fn new(deadline: Option<Instant>) -> Clock {
         Clock { last: Instant::now(), stages: Vec::new(), deadline }
+    }
+
+    /// Seconds of a stage that has ended; zero if there was none.
+    pub fn seconds(&self, name: &str) -> f64 {
+        self.stages.iter().filter(|s| s.name == name).map(|s| s.seconds).sum()
     }
 
     /// Ends a stage, or a part of it; its seconds.
@@ -51,22 +60,14 @@ pub(super) struct Work {
     pub rows_seconds: f64,
     /// Power of the lamps, W / scale^2.
     pub lamps: LampPower,
+    pub found: Found,
 }
 
 /// Measures a finished bake.
 pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Report {
     let (patches, f) = (bake.patches(), &bake.form_factors);
     let reached = bake.light.reached.iter().filter(|&&r| r).count();
-    let unreached = patches.len() - reached;
-    let mut skipped = Vec::new();
-    if unreached > 0 {
-        skipped.push(Skipped {
-            what: "patches that no light reaches".into(),
-            patches: unreached,
-            rays: unreached as u64 * (bake.options.rays as u64).saturating_sub(64),
-            error: "none of 64 probe rays of each met a lit patch, and no ray of a lit patch met it".into(),
-        });
-    }
+    let skipped = skip::list(&skipped::audit(scene, bake, work.found, work.row_rays, &clock));
     Report {
         version: env!("CARGO_PKG_VERSION").into(),
         backend: bake.tracer.name(),

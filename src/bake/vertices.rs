@@ -5,6 +5,7 @@ use crate::{
     options::PatchSource,
     reconstruct::PatchIndex,
     simplify::{self, NO_PATCH, Simplified, SplitMesh},
+    skip::Wanted,
     trace::RayTracer,
 };
 
@@ -17,8 +18,10 @@ pub(super) fn mesh(
     light: &PatchLight,
     index: &PatchIndex,
     options: &BakeOptions,
+    only: Option<&Wanted>,
     tracer: &dyn RayTracer,
 ) -> SplitMesh {
+    let asked = |triangle: u32| only.is_none_or(|only| only.has(scene, triangle as usize));
     let h = simplified.grid.voxel_size as f32;
     if options.patches == PatchSource::Surfels {
         let fragments = &simplified.fragments;
@@ -26,7 +29,8 @@ pub(super) fn mesh(
             let patch = fragments.patch[f][side];
             patch != NO_PATCH && light.reached[patch as usize]
         };
-        let wanted = |f: usize, side: usize| lit(f, side) || (side == 0 && !lit(f, 1));
+        let wanted =
+            |f: usize, side: usize| asked(fragments.triangle[f]) && (lit(f, side) || (side == 0 && !lit(f, 1)));
         return simplify::split_mesh(scene, fragments, h, tracer, wanted);
     }
     let fragments = simplify::clip(scene, &simplified.grid);
@@ -48,7 +52,8 @@ pub(super) fn mesh(
     };
     let two_sided = |f: usize| scene.triangles[fragments.triangle[f] as usize].two_sided;
     let wanted = |f: usize, side: usize| {
-        if side == 0 { !two_sided(f) || lit(f, 0) || !lit(f, 1) } else { two_sided(f) && lit(f, 1) }
+        asked(fragments.triangle[f])
+            && if side == 0 { !two_sided(f) || lit(f, 0) || !lit(f, 1) } else { two_sided(f) && lit(f, 1) }
     };
     let mut mesh = simplify::split_mesh(scene, &fragments, h, tracer, wanted);
     mesh.patch.fill(NO_PATCH);

@@ -114,9 +114,12 @@ struct Settings {
     /// Seed of all random numbers [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Trace also the patches that no light can reach
+    /// Compute also what the scene does not need: bake.json lists what is left out otherwise
     #[arg(long)]
     no_skip: bool,
+    /// Bake this mesh alone, in the light of the whole scene; may be repeated
+    #[arg(long, value_name = "MESH")]
+    only: Vec<String>,
     /// Do not estimate the error of the result
     #[arg(long)]
     no_estimate: bool,
@@ -257,8 +260,9 @@ impl BakeArgs {
             patch_samples: s.patch_samples.unwrap_or(base.patch_samples),
             tolerance: s.tolerance.unwrap_or(base.tolerance),
             seed: s.seed.unwrap_or(base.seed),
-            skip_unreached: base.skip_unreached && !s.no_skip,
             estimate: base.estimate && !s.no_estimate,
+            skip: base.skip && !s.no_skip,
+            only: if s.only.is_empty() { base.only } else { s.only.clone() },
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::{
     Scene,
     bake::Bake,
     options::PatchSource,
-    reconstruct::{self, PatchIndex},
+    reconstruct::{self, Level, PatchIndex},
     simplify::{self, Grid, NO_PATCH, Simplified, clip::uv_centroid},
     trace::Hit,
 };
@@ -24,6 +24,7 @@ const BOUNCES: usize = 2;
 pub struct Coarse {
     simplified: Simplified,
     index: PatchIndex,
+    level: Level,
     /// Coarse patch of each patch; [`NO_PATCH`] where none was found.
     parent: Vec<u32>,
     /// Visible area of each patch.
@@ -65,7 +66,7 @@ impl Coarse {
             simplified.patches.centroid[p] = (middle[p] / total).as_vec3();
         }
         let known = total.iter().map(|&a| a > 0.0).collect();
-        Coarse { simplified, index, parent, area, total, known }
+        Coarse { simplified, index, level: Level::default(), parent, area, total, known }
     }
 
     /// Means of the values of patches over the coarse ones.
@@ -131,6 +132,7 @@ impl Coarse {
             simplified: &self.simplified,
             index: &self.index,
             known: &self.known,
+            level: &self.level,
             ..bake.field(values, &bake.carried)
         }
     }

@@ -19,6 +19,18 @@ pub(super) struct Aim {
     pub weight: f64,
 }
 
+impl Aim {
+    /// Towards the middle of a lamp, without weight.
+    pub fn idle(lamp: &Lamp, x: &SurfacePoint) -> Aim {
+        let (direction, t_max) = match (&lamp.shape, lamp.bounds()) {
+            (_, Some(b)) => (0.5 * (b.low + b.high) - origin(x), 1.0),
+            (Shape::Sun { direction }, None) => (-*direction, f32::INFINITY),
+            (_, None) => (Vec3::ZERO, 0.0),
+        };
+        Aim { direction, t_max, weight: 0.0 }
+    }
+}
+
 /// A lamp as one receiver sees it, ready to be aimed at.
 #[allow(clippy::large_enum_variant, reason = "lives on the stack, one at a time")]
 pub(super) enum Sampler<'a> {

@@ -4,7 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    DirectResult, LightSet,
+    DirectResult, Known, LightSet, Spared, View,
     aim::{Aim, Sampler, origin},
     numbers::Numbers,
     sky,
@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// Lamps and groups of lamps that a receiver looks at one by one; groups are sampled.
-const CUT: usize = 32;
+pub(super) const CUT: usize = 32;
 
 /// Rays that a lamp or group gets at least.
 const LEAST: usize = 4;
@@ -49,22 +49,39 @@ pub fn irradiance(
     samples: u32,
     seed: u64,
 ) -> DirectResult {
+    irradiance_where(lights, tracer, points, points_per_receiver, samples, seed, &Known::NOTHING)
+}
+
+/// As [`irradiance`], without the rays whose answer is known.
+pub fn irradiance_where(
+    lights: &LightSet,
+    tracer: &dyn RayTracer,
+    points: &[SurfacePoint],
+    points_per_receiver: usize,
+    samples: u32,
+    seed: u64,
+    known: &Known,
+) -> DirectResult {
     let per_receiver = points_per_receiver.max(1);
     let numbers = Numbers::new(samples.clamp(1, MOST_SAMPLES), per_receiver, seed);
     let mut irradiance = vec![Vec3::ZERO; points.len() / per_receiver];
     let chunk = (BATCH / numbers.len()).clamp(1, 256);
-    let rays = irradiance
+    let (rays, spared) = irradiance
         .par_chunks_mut(chunk)
         .zip(points.par_chunks(chunk * per_receiver))
         .map_init(Scratch::default, |scratch, (out, points)| {
-            let mut work = Work { lights, numbers: &numbers, scratch };
+            let mut work = Work { lights, numbers: &numbers, known, scratch };
             for receiver in points.chunks_exact(per_receiver) {
                 work.emit(receiver);
             }
             work.finish(tracer, out)
         })
-        .sum();
-    DirectResult { irradiance, rays }
+        .reduce(Default::default, |mut a: (u64, Spared), b| {
+            a.0 += b.0;
+            a.1 += b.1;
+            a
+        });
+    DirectResult { irradiance, rays, spared }
 }
 
 /// Rays of one receiver that are summed up together.
@@ -76,8 +93,10 @@ struct Group {
 }
 
 enum Sum {
-    /// Irradiance without occluders times the weighted share of the rays that arrive.
-    Share(Vec3),
+    /// Irradiance without occluders times the weighted share of the rays that arrive, from one lamp.
+    Share(Vec3, u32),
+    /// No ray was cast: this arrives, from one lamp or from many.
+    Known(Vec3, Option<u32>),
     /// Every ray that arrives adds its own colour.
     Colours,
 }
@@ -95,11 +114,15 @@ struct Scratch {
     /// branch its importance.
     expected: Vec<f64>,
     receivers: u32,
+    /// Whether all rays of the receiver arrive, so that none is cast.
+    free: bool,
+    spared: Spared,
 }
 
 struct Work<'a> {
     lights: &'a LightSet,
     numbers: &'a Numbers,
+    known: &'a Known<'a>,
     scratch: &'a mut Scratch,
 }
 
@@ -111,9 +134,28 @@ impl Work<'_> {
             return;
         }
         let identity = self.numbers.identity(&points[0]);
+        let view = if self.known.skip { (self.known.view)(points) } else { View::Unknown };
+        self.scratch.free = view == View::Clear;
+        self.scratch.spared.clear_receivers += self.scratch.free as u64;
+        let before = self.scratch.spared.clear;
         self.emit_lamps(points, identity);
-        if self.lights.sky.is_lit() {
-            self.emit_sky(points, sampling::hash(&[identity, u64::MAX]));
+        let all = self.numbers.len() as u64;
+        let spared = &mut self.scratch.spared;
+        match view {
+            _ if self.lights.polygons => {}
+            _ if self.known.skip && !self.lights.sky.is_lit() => spared.black_sky += all,
+            View::NoSky(rays) => {
+                spared.no_sky += all;
+                spared.lose_sky(rays);
+            }
+            View::AllSky(rays) => {
+                spared.lose_sky(rays);
+                self.scratch.free = true;
+                self.emit_sky(points, sampling::hash(&[identity, u64::MAX]));
+                let spared = &mut self.scratch.spared;
+                spared.all_sky += std::mem::replace(&mut spared.clear, before) - before;
+            }
+            _ => self.emit_sky(points, sampling::hash(&[identity, u64::MAX])),
         }
     }
 
@@ -143,12 +185,18 @@ impl Work<'_> {
             let all = self.numbers.len();
             let n = ((share * all as f64).round() as usize).next_power_of_two().max(LEAST).min(all);
             let shift = sampling::hash(&[identity, i as u64]);
-            match cut.get(i) {
-                Some(&branch) => match lights.tree.lamp(branch) {
-                    Some(lamp) => self.emit_lamp(lamp, value, points, n, shift),
-                    None => self.emit_branch(branch, points, n, shift),
-                },
-                None => self.emit_lamp(lights.suns[i - cut.len()], value, points, n, shift),
+            let lamp = cut.get(i).map_or_else(|| Some(lights.suns[i - cut.len()]), |&b| lights.tree.lamp(b));
+            match lamp {
+                Some(lamp) => self.emit_lamp(lamp, value, points, n, shift),
+                None => self.emit_branch(cut[i], points, n, shift),
+            }
+        }
+        if lights.lamps.len() <= CUT {
+            // The tree gave up lamps that face away.
+            let missing = |lamp: &u32| !cut.iter().any(|&b| lights.tree.lamp(b) == Some(*lamp));
+            for lamp in (0..lights.lamps.len() as u32).filter(|l| !lights.suns.contains(l)).filter(missing) {
+                self.emit_away(lamp, middle);
+                self.scratch.close(Sum::Share(Vec3::ZERO, lamp));
             }
         }
         self.scratch.cut = cut;
@@ -156,15 +204,25 @@ impl Work<'_> {
     }
 
     /// `n` rays to one lamp: its exact irradiance (`at_middle` by unit colour) times the share of it that arrives.
-    fn emit_lamp(&mut self, lamp: u32, at_middle: f64, points: &[SurfacePoint], n: usize, shift: u64) {
-        let lamp = &self.lights.lamps[lamp as usize];
+    fn emit_lamp(&mut self, id: u32, at_middle: f64, points: &[SurfacePoint], n: usize, shift: u64) {
+        let lamp = &self.lights.lamps[id as usize];
         let mut unshadowed = 0.0;
+        if self.lights.is_dark(id) {
+            self.scratch.spared.dark_lamps += if lamp.is_point_like() && points.len() == 1 { 1 } else { n as u64 };
+            return;
+        }
         if let [x] = points {
             unshadowed = at_middle;
             if unshadowed == 0.0 {
-                return;
+                self.emit_away(id, x);
             }
-            let n = if lamp.is_point_like() { 1 } else { n };
+            let n = if unshadowed == 0.0 {
+                0
+            } else if lamp.is_point_like() {
+                1
+            } else {
+                n
+            };
             let sampler = Sampler::new(lamp, x);
             for k in 0..n {
                 let [u, v, _] = self.numbers.shifted(k, shift);
@@ -178,6 +236,7 @@ impl Work<'_> {
                 let x = &points[k % points.len()];
                 let here = lamp.unshadowed(x);
                 if here == 0.0 {
+                    self.emit_away(id, x);
                     continue;
                 }
                 unshadowed += here / n as f64;
@@ -188,7 +247,19 @@ impl Work<'_> {
             }
         }
         // A finite light times a share of nothing must be nothing.
-        self.scratch.close(Sum::Share((lamp.colour * unshadowed as f32).min(Vec3::MAX)));
+        self.scratch.close(Sum::Share((lamp.colour * unshadowed as f32).min(Vec3::MAX), id));
+    }
+
+    /// A ray to a lamp that gives nothing to `x`: it is left out, or cast without a weight.
+    fn emit_away(&mut self, lamp: u32, x: &SurfacePoint) {
+        if self.known.skip {
+            self.scratch.spared.away += 1;
+            return;
+        }
+        let aim = Aim::idle(&self.lights.lamps[lamp as usize], x);
+        if aim.direction != Vec3::ZERO {
+            self.scratch.push(x, &aim, 0.0, Vec3::ZERO);
+        }
     }
 
     /// `n` rays to lamps picked from a part of the tree.
@@ -228,8 +299,10 @@ impl Work<'_> {
                 let cos = local.z.max(1e-12);
                 colour += map.radiance(texel) * (cos * per_ray / (cos * FRAC_1_PI + other));
             }
-            if colour != Vec3::ZERO {
+            if colour != Vec3::ZERO || !self.known.skip {
                 self.scratch.push(x, &Aim { direction, t_max: f32::INFINITY, weight: 1.0 }, 1.0, colour);
+            } else {
+                self.scratch.spared.black_sky += 1;
             }
         }
         for (i, map) in sky.maps.iter().enumerate().filter(|(_, m)| m.uneven) {
@@ -256,7 +329,7 @@ impl Work<'_> {
     }
 
     /// Traces what was emitted, adds it up in order, and returns the number of rays.
-    fn finish(self, tracer: &dyn RayTracer, out: &mut [Vec3]) -> u64 {
+    fn finish(self, tracer: &dyn RayTracer, out: &mut [Vec3]) -> (u64, Spared) {
         let s = self.scratch;
         s.occluded.clear();
         s.occluded.resize(s.rays.len(), false);
@@ -266,23 +339,33 @@ impl Work<'_> {
             let range = begin..group.end as usize;
             begin = range.end;
             let arrived = match group.sum {
-                Sum::Share(unshadowed) => {
+                Sum::Share(unshadowed, lamp) => {
                     let (mut arrived, mut all) = (0.0_f64, 0.0_f64);
+                    let cast = range.len() as u64;
                     for k in range {
                         let weight = s.weights[k] as f64;
                         all += weight;
                         arrived += if s.occluded[k] { 0.0 } else { weight };
                     }
+                    if let Some(census) = self.known.census {
+                        census.enter(lamp, cast, arrived > 0.0);
+                    }
                     if all > 0.0 { unshadowed * (arrived / all) as f32 } else { Vec3::ZERO }
+                }
+                Sum::Known(arrives, lamp) => {
+                    if let (Some(census), Some(lamp)) = (self.known.census, lamp) {
+                        census.enter(lamp, 0, arrives != Vec3::ZERO);
+                    }
+                    arrives
                 }
                 Sum::Colours => range.filter(|&k| !s.occluded[k]).map(|k| s.colours[k]).sum(),
             };
             let sum = &mut out[group.receiver as usize];
             *sum = (*sum + arrived).min(Vec3::MAX);
         }
-        let rays = s.rays.len() as u64;
+        let done = (s.rays.len() as u64, s.spared);
         s.clear();
-        rays
+        done
     }
 }
 
@@ -296,10 +379,30 @@ impl Scratch {
     }
 
     fn close(&mut self, sum: Sum) {
-        let end = self.rays.len() as u32;
-        if self.groups.last().map_or(0, |g| g.end) < end {
-            self.groups.push(Group { receiver: self.receivers - 1, end, sum });
+        let (begin, end) = (self.groups.last().map_or(0, |g| g.end), self.rays.len() as u32);
+        if begin == end {
+            return;
         }
+        let receiver = self.receivers - 1;
+        if !self.free {
+            self.groups.push(Group { receiver, end, sum });
+            return;
+        }
+        // The same sums as of rays that all arrive.
+        let own = begin as usize..end as usize;
+        let known = match sum {
+            Sum::Share(unshadowed, lamp) if self.weights[own.clone()].iter().any(|&w| w > 0.0) => {
+                Sum::Known(unshadowed, Some(lamp))
+            }
+            Sum::Share(_, lamp) => Sum::Known(Vec3::ZERO, Some(lamp)),
+            Sum::Known(..) => sum,
+            Sum::Colours => Sum::Known(self.colours[own].iter().sum(), None),
+        };
+        self.spared.clear += (end - begin) as u64;
+        self.rays.resize(begin as usize);
+        self.weights.truncate(begin as usize);
+        self.colours.truncate(begin as usize);
+        self.groups.push(Group { receiver, end: begin, sum: known });
     }
 
     fn clear(&mut self) {
@@ -308,5 +411,6 @@ impl Scratch {
         self.colours.clear();
         self.groups.clear();
         self.receivers = 0;
+        self.spared = Spared::default();
     }
 }

@@ -15,6 +15,7 @@ mod bright;
 mod emitters;
 mod estimate;
 mod form;
+mod known;
 mod lamp;
 mod numbers;
 mod power;
@@ -23,7 +24,8 @@ mod spherical;
 mod tree;
 
 pub use bright::Bright;
-pub use estimate::irradiance;
+pub use estimate::{irradiance, irradiance_where};
+pub use known::{Census, Known, Spared, View};
 use lamp::{Lamp, Polygon, Shape};
 pub use power::LampPower;
 use sky::{Map, Sky};
@@ -37,6 +39,10 @@ pub struct LightSet {
     tree: Tree,
     suns: Vec<u32>,
     sky: Sky,
+    /// Lamps that reach nothing; empty if none are known.
+    dark: Vec<bool>,
+    /// Whether it is surfaces alone, and nobody looks for a sky.
+    polygons: bool,
 }
 
 /// What [`irradiance`] found.
@@ -46,6 +52,8 @@ pub struct DirectResult {
     pub irradiance: Vec<Vec3>,
     /// Shadow rays traced.
     pub rays: u64,
+    /// Shadow rays that were left out.
+    pub spared: Spared,
 }
 
 impl LightSet {
@@ -70,12 +78,12 @@ impl LightSet {
         let lamp = |(corners, colour): (&[Vec3], Vec3)| {
             Some(Lamp { shape: Shape::Polygon(Polygon::new(corners, false)?), colour, surface: true })
         };
-        LightSet::of(polygons.filter_map(lamp).collect(), Sky::default())
+        LightSet { polygons: true, ..LightSet::of(polygons.filter_map(lamp).collect(), Sky::default()) }
     }
 
     fn of(lamps: Vec<Lamp>, sky: Sky) -> LightSet {
         let suns = (0..lamps.len() as u32).filter(|&i| lamps[i as usize].bounds().is_none()).collect();
-        LightSet { tree: Tree::new(&lamps), suns, lamps, sky }
+        LightSet { tree: Tree::new(&lamps), suns, lamps, sky, dark: Vec::new(), polygons: false }
     }
 
     /// Whether there is no light at all.
@@ -108,6 +116,23 @@ impl LightSet {
     /// Whether there are suns or a sky, whose power has no bound.
     pub fn has_unbounded(&self) -> bool {
         !self.suns.is_empty() || self.has_sky()
+    }
+
+    /// Mean over the channels of the largest irradiance that a sky gives; `None` if there is none, or an image with
+    /// bright spots, of which a few rays say nothing.
+    pub fn even_sky(&self) -> Option<f64> {
+        let sky = &self.sky;
+        let even = sky.is_lit() && sky.maps.iter().all(|m| !m.uneven);
+        even.then(|| std::f64::consts::PI * sky.largest())
+    }
+
+    /// Casts no more rays to the lamps that `dark` names, one entry a lamp.
+    pub(crate) fn forget(&mut self, dark: Vec<bool>) {
+        self.dark = dark;
+    }
+
+    fn is_dark(&self, lamp: u32) -> bool {
+        self.dark.get(lamp as usize).is_some_and(|&dark| dark)
     }
 
     /// Without emissive surfaces: for when emitting triangles are senders of the radiosity system themselves.

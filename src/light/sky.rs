@@ -21,6 +21,12 @@ impl Sky {
         self.maps.iter().fold(self.constant, |sum, map| sum + map.radiance(map.texel(direction)))
     }
 
+    /// A bound of the mean radiance of the channels.
+    pub fn largest(&self) -> f64 {
+        let map = |m: &Map| m.texels.iter().map(|&t| mean(t)).fold(0.0, f64::max);
+        mean(self.constant) + self.maps.iter().map(map).sum::<f64>()
+    }
+
     /// Whether any light comes from the sky.
     pub fn is_lit(&self) -> bool {
         self.constant != Vec3::ZERO || !self.maps.is_empty()

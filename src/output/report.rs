@@ -120,11 +120,13 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
     if report.peak_memory_bytes > 0 {
         line("peak memory", bytes(report.peak_memory_bytes));
     }
-    for skipped in &report.skipped {
-        line(
-            "skipped",
-            format!("{} ({} patches, {} rays; {})", skipped.what, skipped.patches, skipped.rays, skipped.error),
-        );
+    if !report.skipped.is_empty() {
+        line("skipped", format!("{:<37}{:>9}{:>12}{:>9}{:>10}", "", "patches", "rays", "seconds", "error"));
+    }
+    for s in &report.skipped {
+        let seconds = s.seconds.map_or("-".into(), |seconds| format!("{seconds:.2}"));
+        let bound = s.bound.map_or("-".into(), |b| if b == 0.0 { "0".into() } else { format!("{b:.1e}") });
+        line("", format!("{:<37}{:>9}{:>12}{seconds:>9}{bound:>10}", s.what, s.patches, s.rays));
     }
     for warning in &report.warnings {
         line("warning", warning.clone());

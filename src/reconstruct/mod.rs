@@ -3,12 +3,14 @@
 mod edges;
 mod gather;
 mod index;
+mod level;
 mod nearest4;
 mod smooth;
 
 pub use edges::clear_of_walls;
 pub use gather::Senders;
 pub use index::PatchIndex;
+pub use level::Level;
 
 use gather::Gather;
 use glam::Vec3;
@@ -41,6 +43,8 @@ pub struct Field<'a> {
     pub cos_threshold: f32,
     /// What the rays of gathering points meet; without it, points interpolate.
     pub senders: Option<Senders<'a>>,
+    /// Where patches are visible without asking.
+    pub level: &'a Level,
 }
 
 impl Field<'_> {

@@ -46,6 +46,13 @@ impl Fit {
     }
 }
 
+/// Where the neighbours of a point end.
+struct Run {
+    end: usize,
+    /// Whether the point certainly sees all of them.
+    clear: bool,
+}
+
 /// Fits a plane to the values of the neighbours of every point, and takes its value at the point, kept within what
 /// the neighbours say. Points without visible neighbours take the paper's four nearest.
 pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
@@ -53,8 +60,8 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
     let mut neighbours: Vec<Neighbour> = Vec::with_capacity(points.len() * 16);
     let mut ends = Vec::with_capacity(points.len());
     for point in points {
-        gather(field, point, h, &mut neighbours);
-        ends.push(neighbours.len());
+        let clear = gather(field, point, h, &mut neighbours);
+        ends.push(Run { end: neighbours.len(), clear });
     }
     drop_hidden(field, points, &ends, h, &mut neighbours);
 
@@ -62,7 +69,7 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
     points
         .iter()
         .zip(ends)
-        .map(|(point, end)| {
+        .map(|(point, Run { end, .. })| {
             let own = &neighbours[begin..end];
             begin = end;
             fit(field, point, own, h)
@@ -71,19 +78,21 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
         .collect()
 }
 
-/// Known patches that face the same way, lie near and on the same smooth surface.
-fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>) {
+/// Known patches that face the same way, lie near and on the same smooth surface; whether nothing can hide them.
+fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>) -> bool {
     if !point.is_sound() {
-        return;
+        return false;
     }
+    let mut clear = field.level.is_known();
     let patches = field.patches();
     let begin = out.len();
-    field.index.near(point.position, RADIUS, |j| {
+    field.index.near(point.position, RADIUS + 2.0 * LIFT, |j| {
+        let to = patches.centroid[j] - point.position;
+        clear = clear && field.level.is_below(j, patches.normal[j], to, point.normal);
         if !field.known[j] {
             return;
         }
         let normal = patches.normal[j];
-        let to = patches.centroid[j] - point.position;
         let distance = to.length() / (RADIUS * h);
         if distance >= 1.0 || normal.dot(point.normal) < field.cos_threshold {
             return;
@@ -104,44 +113,43 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
         own[..MOST].sort_unstable_by_key(|n| n.patch);
         out.truncate(begin + MOST);
     }
+    clear
 }
 
 /// Takes the weight from neighbours that the point does not see. Surfaces that face like the point do not block, or
 /// convex surfaces would hide their own. Rays go upwards: what parts two layers then turns its underside to them.
-fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[usize], h: f32, neighbours: &mut [Neighbour]) {
+fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[Run], h: f32, neighbours: &mut [Neighbour]) {
     let patches = field.patches();
     let mut rays = RayBatch::with_capacity(neighbours.len());
-    let heights = clear_heights(field.tracer, points.iter().map(|p| (p.position, p.normal)), LIFT * h);
+    // Point and neighbour of every ray.
+    let mut of_ray = Vec::with_capacity(neighbours.len());
+    let asking = points.iter().zip(ends).filter(|(_, run)| !run.clear).map(|(p, _)| (p.position, p.normal));
+    let mut heights = clear_heights(field.tracer, asking, LIFT * h).into_iter();
     let mut begin = 0;
-    for ((point, &end), height) in points.iter().zip(ends).zip(heights) {
+    for (i, (point, run)) in points.iter().zip(ends).enumerate() {
+        let own = begin..run.end;
+        begin = run.end;
+        let Some(height) = (if run.clear { None } else { heights.next() }) else { continue };
         let from = point.position + height * point.normal;
-        for n in &neighbours[begin..end] {
-            let eye = patches.eye[n.patch as usize];
-            let rises = (eye - from).dot(point.normal + patches.normal[n.patch as usize]) >= 0.0;
+        for k in own {
+            let j = neighbours[k].patch as usize;
+            let eye = patches.eye[j];
+            let rises = (eye - from).dot(point.normal + patches.normal[j]) >= 0.0;
             let (low, high) = if rises { (from, eye) } else { (eye, from) };
             rays.push(low, high - low, 0.0, 1.0);
+            of_ray.push((i, k));
         }
-        begin = end;
     }
     let mut hits = vec![Hit::NONE; rays.len()];
     field.tracer.closest_hits(&rays, &mut hits);
-    let mut begin = 0;
-    for (point, &end) in points.iter().zip(ends) {
-        for k in begin..end {
-            let blocks = |h: &Hit| {
-                if !h.is_hit() {
-                    return false;
-                }
-                let along = field.normals[h.triangle()].dot(point.normal);
-                // From inside of an object its surface says nothing.
-                let underside = if h.is_back() { field.two_sided[h.triangle()] && along > 0.0 } else { along < 0.0 };
-                underside || along.abs() < UNLIKE
-            };
-            if blocks(&hits[k]) {
-                neighbours[k].weight = 0.0;
-            }
+    field.level.count(rays.len(), neighbours.len() - rays.len());
+    for (hit, (i, k)) in hits.iter().zip(of_ray).filter(|(hit, _)| hit.is_hit()) {
+        let along = field.normals[hit.triangle()].dot(points[i].normal);
+        // From inside of an object its surface says nothing.
+        let underside = if hit.is_back() { field.two_sided[hit.triangle()] && along > 0.0 } else { along < 0.0 };
+        if underside || along.abs() < UNLIKE {
+            neighbours[k].weight = 0.0;
         }
-        begin = end;
     }
 }
 

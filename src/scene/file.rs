@@ -62,8 +62,11 @@ pub struct FileSettings {
     pub tolerance: Option<f64>,
     /// See [`BakeOptions::seed`].
     pub seed: Option<u64>,
-    /// See [`BakeOptions::skip_unreached`].
-    pub skip_unreached: Option<bool>,
+    /// See [`BakeOptions::skip`]; once called `skip_unreached`.
+    #[serde(alias = "skip_unreached")]
+    pub skip: Option<bool>,
+    /// See [`BakeOptions::only`].
+    pub only: Option<Vec<String>>,
     /// See [`BakeOptions::estimate`].
     pub estimate: Option<bool>,
     /// Threads to use.
@@ -94,8 +97,11 @@ impl FileSettings {
         set(&mut options.patch_samples, self.patch_samples);
         set(&mut options.tolerance, self.tolerance);
         set(&mut options.seed, self.seed);
-        set(&mut options.skip_unreached, self.skip_unreached);
         set(&mut options.estimate, self.estimate);
+        set(&mut options.skip, self.skip);
+        if let Some(only) = &self.only {
+            options.only.clone_from(only);
+        }
     }
 }
 

@@ -31,6 +31,7 @@ mod topology;
 mod weld;
 mod world_light;
 
+pub(crate) use builder::list;
 pub use builder::{Builder, Mark};
 pub use check::{MaterialCheck, SceneCheck};
 pub use clean::Dropped;

@@ -1,4 +1,4 @@
-//! BiCGSTAB (van der Vorst 1992) on (1 - rho F) B = S, three channels side by side.
+//! BiCGSTAB (van der Vorst 1992) on (1 - rho F) B = S, N channels side by side.
 //!
 //! Jacobi needs 1/(1 - rho) times as many sweeps as this; at albedo 0.999 that is 12,000. The stabilised conjugate
 //! gradients need no symmetry, which estimated form factors do not have, and take two products a step.
@@ -7,16 +7,13 @@ use rayon::prelude::*;
 
 use crate::transfer::FormFactors;
 
-/// Three channels.
-pub type Rgb = [f64; 3];
-
 /// A solution and how it was found.
 #[derive(Clone, Debug)]
-pub struct Solution {
+pub struct Solution<const N: usize = 3> {
     /// Radiosity B, the unit of the source.
-    pub radiosity: Vec<Rgb>,
+    pub radiosity: Vec<[f64; N]>,
     /// Irradiance from other patches: F B.
-    pub irradiance: Vec<Rgb>,
+    pub irradiance: Vec<[f64; N]>,
     /// Steps, of the channel that took most.
     pub iterations: usize,
     /// max |S + rho F B - B| / max |S|.
@@ -33,18 +30,18 @@ const BOUNCES: usize = 50;
 ///
 /// `albedo` (rho) and `source` (S) have one entry a patch, 0 <= rho < 1, S >= 0. f64 throughout; sums run over fixed
 /// blocks: the same bits for any number of threads. The residual reached is in the result.
-pub fn solve(f: &FormFactors, albedo: &[Rgb], source: &[Rgb], tolerance: f64) -> Solution {
+pub fn solve<const N: usize>(f: &FormFactors, albedo: &[[f64; N]], source: &[[f64; N]], tolerance: f64) -> Solution<N> {
     let system = System { f, albedo };
     let scale = largest(source);
     let mut x = source.to_vec();
-    let mut residual = [f64::INFINITY; 3];
+    let mut residual = [f64::INFINITY; N];
     let mut iterations = 0;
     for _ in 0..MOST_RESTARTS {
         let mut found = x.clone();
         // Half the tolerance: the recursive residual drifts from the true one.
         iterations += system.iterate(source, &mut found, scale, 0.5 * tolerance);
         let (next, error) = system.bounce(source, &found, scale);
-        let good: [bool; 3] = std::array::from_fn(|c| error[c] <= tolerance || error[c] < residual[c]);
+        let good: [bool; N] = std::array::from_fn(|c| error[c] <= tolerance || error[c] < residual[c]);
         update(&mut x, |i, x| std::array::from_fn(|c| if good[c] { next[i][c] } else { x[c] }));
         residual = std::array::from_fn(|c| if good[c] { error[c] } else { residual[c] });
         if good.contains(&false) {
@@ -58,29 +55,29 @@ pub fn solve(f: &FormFactors, albedo: &[Rgb], source: &[Rgb], tolerance: f64) ->
             break;
         }
     }
-    let mut irradiance = vec![[0.0; 3]; x.len()];
+    let mut irradiance = vec![[0.0; N]; x.len()];
     f.multiply(&x, &mut irradiance);
     Solution { radiosity: x, irradiance, iterations, residual: residual.into_iter().fold(0.0, f64::max) }
 }
 
-struct System<'a> {
+struct System<'a, const N: usize> {
     f: &'a FormFactors,
-    albedo: &'a [Rgb],
+    albedo: &'a [[f64; N]],
 }
 
-impl System<'_> {
+impl<const N: usize> System<'_, N> {
     /// S + rho F x, which is not negative, and max |S + rho F x - x| / max |S| of every channel.
-    fn bounce(&self, source: &[Rgb], x: &[Rgb], scale: Rgb) -> (Vec<Rgb>, Rgb) {
-        let mut next = vec![[0.0; 3]; x.len()];
+    fn bounce(&self, source: &[[f64; N]], x: &[[f64; N]], scale: [f64; N]) -> (Vec<[f64; N]>, [f64; N]) {
+        let mut next = vec![[0.0; N]; x.len()];
         self.f.multiply(x, &mut next);
         update(&mut next, |i, e| std::array::from_fn(|c| source[i][c] + self.albedo[i][c] * e[c].max(0.0)));
-        let error: Vec<Rgb> = x.iter().zip(&next).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect();
+        let error: Vec<[f64; N]> = x.iter().zip(&next).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect();
         let error = largest(&error);
         (next, std::array::from_fn(|c| if scale[c] > 0.0 { error[c] / scale[c] } else { 0.0 }))
     }
 
     /// out = x - rho F x
-    fn apply(&self, x: &[Rgb], out: &mut [Rgb]) {
+    fn apply(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
         self.f.multiply(x, out);
         out.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, o)| {
             *o = std::array::from_fn(|c| x[i][c] - self.albedo[i][c] * o[c]);
@@ -88,18 +85,18 @@ impl System<'_> {
     }
 
     /// Improves `x`; returns the number of steps.
-    fn iterate(&self, source: &[Rgb], x: &mut [Rgb], scale: Rgb, tolerance: f64) -> usize {
+    fn iterate(&self, source: &[[f64; N]], x: &mut [[f64; N]], scale: [f64; N], tolerance: f64) -> usize {
         let n = x.len();
-        let mut r = vec![[0.0; 3]; n];
+        let mut r = vec![[0.0; N]; n];
         self.apply(x, &mut r);
         update(&mut r, |i, r| std::array::from_fn(|c| source[i][c] - r[c]));
         let shadow = r.clone();
-        let (mut p, mut v, mut t) = (r.clone(), vec![[0.0; 3]; n], vec![[0.0; 3]; n]);
+        let (mut p, mut v, mut t) = (r.clone(), vec![[0.0; N]; n], vec![[0.0; N]; n]);
         let mut rho = dot(&shadow, &r);
-        let mut active = [true; 3];
+        let mut active = [true; N];
         for step in 0..MOST_STEPS {
             let worst = largest(&r);
-            for c in 0..3 {
+            for c in 0..N {
                 active[c] &= worst[c] > tolerance * scale[c];
             }
             if !active.contains(&true) {
@@ -109,7 +106,7 @@ impl System<'_> {
             let alpha = quotient(rho, dot(&shadow, &v), &mut active);
             update(&mut r, |i, s| std::array::from_fn(|c| s[c] - alpha[c] * v[i][c]));
             self.apply(&r, &mut t);
-            let omega = quotient(dot(&t, &r), dot(&t, &t), &mut [true; 3]);
+            let omega = quotient(dot(&t, &r), dot(&t, &t), &mut [true; N]);
             update(x, |i, x| std::array::from_fn(|c| x[c] + alpha[c] * p[i][c] + omega[c] * r[i][c]));
             update(&mut r, |i, s| std::array::from_fn(|c| s[c] - omega[c] * t[i][c]));
             let next = dot(&shadow, &r);
@@ -126,7 +123,7 @@ impl System<'_> {
 }
 
 /// a / b for the active channels, zero for the others; a breakdown ends its channel.
-fn quotient(a: Rgb, b: Rgb, active: &mut [bool; 3]) -> Rgb {
+fn quotient<const N: usize>(a: [f64; N], b: [f64; N], active: &mut [bool; N]) -> [f64; N] {
     std::array::from_fn(|c| {
         let q = a[c] / b[c];
         active[c] &= q.is_finite();
@@ -134,29 +131,31 @@ fn quotient(a: Rgb, b: Rgb, active: &mut [bool; 3]) -> Rgb {
     })
 }
 
-fn update(x: &mut [Rgb], f: impl Fn(usize, Rgb) -> Rgb + Sync) {
+fn update<const N: usize>(x: &mut [[f64; N]], f: impl Fn(usize, [f64; N]) -> [f64; N] + Sync) {
     x.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, x)| *x = f(i, *x));
 }
 
 /// Sums over blocks of fixed size, then over the blocks in order.
-fn dot(a: &[Rgb], b: &[Rgb]) -> Rgb {
-    let blocks: Vec<Rgb> = a
+fn dot<const N: usize>(a: &[[f64; N]], b: &[[f64; N]]) -> [f64; N] {
+    let blocks: Vec<[f64; N]> = a
         .par_chunks(4096)
         .zip(b.par_chunks(4096))
-        .map(|(a, b)| a.iter().zip(b).fold([0.0; 3], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c])))
+        .map(|(a, b)| a.iter().zip(b).fold([0.0; N], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c])))
         .collect();
-    blocks.iter().fold([0.0; 3], |sum, b| std::array::from_fn(|c| sum[c] + b[c]))
+    blocks.iter().fold([0.0; N], |sum, b| std::array::from_fn(|c| sum[c] + b[c]))
 }
 
 /// Largest absolute value of each channel; infinite where there is one that is no number.
-fn largest(x: &[Rgb]) -> Rgb {
+fn largest<const N: usize>(x: &[[f64; N]]) -> [f64; N] {
     let size = |x: f64| if x.is_nan() { f64::INFINITY } else { x.abs() };
-    x.iter().fold([0.0; 3], |most, x| std::array::from_fn(|c| f64::max(most[c], size(x[c]))))
+    x.iter().fold([0.0; N], |most, x| std::array::from_fn(|c| f64::max(most[c], size(x[c]))))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    type Rgb = [f64; 3];
     use crate::sampling::hash;
 
     /// Gaussian elimination with partial pivoting.

@@ -24,14 +24,41 @@ pub struct Estimate {
     pub reached: Vec<bool>,
     /// Whether any ray of the patch started outside of objects.
     pub visible: Vec<bool>,
+    /// Whether an unreached patch sees out of the scene, as far as its probe tells.
+    pub outside: Vec<bool>,
+    /// Whether the row of a patch has fewer rays, because it matters less.
+    pub few: Vec<bool>,
     /// Rays that were cast, probes among them.
     pub rays: u64,
+    /// Rays of patches that nothing lies before: they were not cast.
+    pub clear: u64,
+}
+
+/// Which rows are cast, and with how many rays.
+#[derive(Clone, Copy, Default)]
+pub struct Plan<'a> {
+    /// Patches that rows start from: those that light starts from; with `backwards`, those whose light is wanted.
+    pub start: &'a [bool],
+    /// Whether every row is cast, and kept.
+    pub all: bool,
+    /// Patches that no surface lies before: their rays leave the scene, so none is cast. Empty: none are known.
+    pub outer: &'a [bool],
+    /// Whether rows follow what matters to `start` instead of what light reaches. Patches that no row of `start` sees
+    /// much of get fewer rays.
+    pub backwards: bool,
+    /// Patches whose rows matter only if they are in `start`. Empty: none.
+    pub black: &'a [bool],
 }
 
 /// Rays of a probe that looks for light from a patch that nothing else found.
 const PROBE: usize = 64;
 /// Independent rows that confirm a single ray.
 const CONFIRM: u64 = 4;
+/// A row of little importance has this many times fewer rays, but no fewer than [`LEAST`].
+const FEWER: u32 = 8;
+const LEAST: u32 = 16;
+/// A patch is of little importance if none of the wanted ones sends it more than a 64th of its rays.
+const SEEN_LITTLE: u32 = 64;
 /// Patches of a unit of parallel work.
 const CHUNK: usize = 64;
 
@@ -59,18 +86,36 @@ pub fn estimate(
     seed: u64,
     progress: &dyn Progress,
 ) -> Estimate {
+    estimate_plan(simplified, tracer, &Plan { start: lit, all, ..Plan::default() }, rays, seed, progress)
+}
+
+/// As [`estimate`], of the rows that `plan` asks for.
+pub fn estimate_plan(
+    simplified: &Simplified,
+    tracer: &dyn RayTracer,
+    plan: &Plan,
+    rays: u32,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Estimate {
     let n = simplified.patches.len();
+    let of = |marks: &[bool], i: u32| marks.get(i as usize).is_some_and(|&m| m);
     let caster = Caster {
         simplified,
         tracer,
         rows: PointSets::new(rays as usize, seed),
+        fewer: PointSets::new(rays.div_ceil(FEWER).max(LEAST) as usize, seed),
+        outer: plan.outer,
         probes: PointSets::new(PROBE.min(rays as usize), seed ^ 0x70),
         seed,
         scratch: Mutex::default(),
     };
-    let mut reached: Vec<bool> = lit.iter().map(|&l| l || all).collect();
+    let mut reached = plan.start.to_vec();
     let mut has_row = reached.clone();
-    let mut visible = vec![true; n];
+    let (mut visible, mut outside) = (vec![true; n], vec![false; n]);
+    let mut few = vec![false; n];
+    let mut first = true;
+    let mut clear = 0;
     let mut blocks: Vec<Block> = Vec::new();
     let mut wave: Vec<u32> = (0..n as u32).filter(|&i| reached[i as usize]).collect();
     let mut pending: Vec<Pending> = Vec::new();
@@ -78,16 +123,23 @@ pub fn estimate(
     progress.begin("form factors", n as u64);
     loop {
         while !wave.is_empty() {
-            let new = caster.rows(&wave, progress);
-            cast += wave.len() as u64 * rays as u64;
+            let new = caster.rows(&wave, &few, progress);
+            let (outer, open): (Vec<u32>, Vec<u32>) = wave.iter().partition(|&&i| caster.is_outer(i));
+            clear += outer.len() as u64 * rays as u64;
+            cast += open.iter().map(|&i| caster.sets(i, &few).len as u64).sum::<u64>();
+            if plan.backwards && std::mem::take(&mut first) {
+                few = little_seen(n, &new, &has_row, rays);
+            }
             // What reached patches see gets a row next.
             let mut seen: Vec<u32> = Vec::new();
             let mut see = |block: &Block, row: usize, has_row: &mut [bool]| {
                 let columns = block.entries(row).map(|e| e.0);
-                seen.extend(columns.filter(|&j| !std::mem::replace(&mut has_row[j as usize], true)));
+                let new = columns.filter(|&j| !std::mem::replace(&mut has_row[j as usize], true));
+                seen.extend(new.filter(|&j| !of(plan.black, j)));
             };
             for block in new {
                 for (k, row) in block.rows.iter().enumerate() {
+                    reached[row.patch as usize] |= plan.backwards;
                     if reached[row.patch as usize] {
                         see(&block, k, &mut has_row);
                     } else {
@@ -110,10 +162,28 @@ pub fn estimate(
             seen.sort_unstable();
             wave = seen;
         }
+        if plan.backwards {
+            // What no row met adds nothing to any of them.
+            (0..n).filter(|&i| !reached[i]).for_each(|i| visible[i] = false);
+            break;
+        }
         let unknown: Vec<u32> = (0..n as u32).filter(|&i| !has_row[i as usize]).collect();
-        cast += unknown.len() as u64 * caster.probes.len as u64;
+        if plan.all {
+            // Whole rows look for light.
+            has_row.fill(true);
+            wave = unknown;
+            if wave.is_empty() {
+                break;
+            }
+            continue;
+        }
+        let outer = unknown.iter().filter(|&&i| caster.is_outer(i)).count() as u64;
+        clear += outer * caster.probes.len as u64;
+        cast += (unknown.len() as u64 - outer) * caster.probes.len as u64;
         let probes = caster.probe(&unknown, &reached);
-        probes.iter().zip(&unknown).for_each(|(p, &i)| visible[i as usize] = *p != Probe::Hidden);
+        for (p, &i) in probes.iter().zip(&unknown) {
+            (visible[i as usize], outside[i as usize]) = (*p != Probe::Hidden, *p == Probe::Outside);
+        }
         wave = unknown.iter().zip(&probes).filter(|(_, p)| **p == Probe::SeesLight).map(|(i, _)| *i).collect();
         if wave.is_empty() {
             break;
@@ -124,8 +194,20 @@ pub fn estimate(
     for row in blocks.iter().flat_map(|b| &b.rows) {
         visible[row.patch as usize] = row.valid > 0;
     }
-    let form_factors = FormFactors::of_blocks(n, blocks, &reached);
-    Estimate { form_factors, reached, visible, rays: cast }
+    let wanted = if plan.all { &has_row } else { &reached };
+    let form_factors = FormFactors::of_blocks(n, blocks, wanted, &reached);
+    Estimate { form_factors, reached, visible, outside, few, rays: cast, clear }
+}
+
+/// Which patches none of `rows` sees much of; those with a row already are not among them.
+fn little_seen(patches: usize, rows: &[Block], has_row: &[bool], rays: u32) -> Vec<bool> {
+    let mut most = vec![0; patches];
+    for block in rows {
+        for (j, count) in (0..block.rows.len()).flat_map(|row| block.entries(row)) {
+            most[j as usize] = count.max(most[j as usize]);
+        }
+    }
+    most.iter().zip(has_row).map(|(&count, has_row)| !has_row && count * SEEN_LITTLE <= rays).collect()
 }
 
 /// A patch whose row is cast, but that is not known to be reached.
@@ -142,8 +224,10 @@ struct Pending {
 enum Probe {
     /// All rays started inside or behind objects.
     Hidden,
-    /// No ray met a patch that light reaches.
+    /// No ray met a patch that light reaches, and none left the scene.
     Dark,
+    /// No ray met a patch that light reaches, and some left the scene.
+    Outside,
     /// A ray met a patch that light reaches.
     SeesLight,
 }
@@ -152,7 +236,10 @@ struct Caster<'a> {
     simplified: &'a Simplified,
     tracer: &'a dyn RayTracer,
     rows: PointSets,
+    fewer: PointSets,
     probes: PointSets,
+    /// Patches that nothing lies before.
+    outer: &'a [bool],
     seed: u64,
     /// Working memory that is not in use.
     scratch: Mutex<Vec<Scratch>>,
@@ -170,14 +257,28 @@ struct Scratch {
 }
 
 impl Caster<'_> {
-    fn rows(&self, patches: &[u32], progress: &dyn Progress) -> Vec<Block> {
+    fn is_outer(&self, patch: u32) -> bool {
+        self.outer.get(patch as usize).is_some_and(|&outer| outer)
+    }
+
+    /// The points of the row of a patch.
+    fn sets(&self, patch: u32, few: &[bool]) -> &PointSets {
+        if few[patch as usize] { &self.fewer } else { &self.rows }
+    }
+
+    fn rows(&self, patches: &[u32], few: &[bool], progress: &dyn Progress) -> Vec<Block> {
         patches
             .par_chunks(CHUNK)
             .map(|chunk| {
                 let mut s = self.take();
                 let mut block = Block::default();
                 for &i in chunk {
-                    self.cast(i, &self.rows, 0, &mut s);
+                    if self.is_outer(i) {
+                        let all = self.rows.len as u32;
+                        block.row().finish(Row { patch: i, valid: all, escaped: all, hidden: 0, end: 0 });
+                        continue;
+                    }
+                    self.cast(i, self.sets(i, few), 0, &mut s);
                     self.count(i, &mut s, &mut block);
                 }
                 self.give_back(s);
@@ -229,13 +330,18 @@ impl Caster<'_> {
                 let found: Vec<Probe> = chunk
                     .iter()
                     .map(|&i| {
+                        if self.is_outer(i) {
+                            return Probe::Outside;
+                        }
                         self.cast(i, &self.probes, 0, &mut s);
                         let mut found = Probe::Hidden;
                         for hit in &s.hits {
                             match hit.is_hit().then(|| self.patch(hit)) {
                                 Some(Some(j)) if reached[j as usize] => return Probe::SeesLight,
                                 Some(None) => (),
-                                _ => found = Probe::Dark,
+                                None => found = Probe::Outside,
+                                _ if found == Probe::Hidden => found = Probe::Dark,
+                                _ => (),
                             }
                         }
                         found

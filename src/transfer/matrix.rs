@@ -146,8 +146,8 @@ impl Iterator for Entries<'_> {
 
 impl FormFactors {
     /// Puts the rows of blocks in the order of the patches. Patches that are not `wanted` or have no row get an empty
-    /// one.
-    pub fn of_blocks(patches: usize, blocks: Vec<Block>, wanted: &[bool]) -> FormFactors {
+    /// one. Whether the scene is closed is told by the rows that light has `reached`.
+    pub fn of_blocks(patches: usize, blocks: Vec<Block>, wanted: &[bool], reached: &[bool]) -> FormFactors {
         let mut f = FormFactors {
             offsets: Vec::with_capacity(patches + 1),
             bytes: Vec::with_capacity(blocks.iter().map(|b| b.bytes.len()).sum()),
@@ -175,7 +175,7 @@ impl FormFactors {
             }
             f.offsets.push(f.bytes.len() as u64);
         }
-        let sum = |v: &[u32]| v.iter().map(|&x| x as u64).sum::<u64>();
+        let sum = |v: &[u32]| v.iter().zip(reached).filter(|r| *r.1).map(|r| *r.0 as u64).sum::<u64>();
         f.closed = sum(&f.escaped) as f64 <= CLOSED * sum(&f.valid) as f64;
         f
     }
@@ -190,7 +190,8 @@ impl FormFactors {
             let valid = hits.iter().sum::<u32>() + escaped;
             row.finish(Row { patch: i as u32, valid, escaped: *escaped, hidden: 0, end: 0 });
         }
-        FormFactors::of_blocks(rows.len(), vec![block], &vec![true; rows.len()])
+        let all = vec![true; rows.len()];
+        FormFactors::of_blocks(rows.len(), vec![block], &all, &all)
     }
 
     /// Number of patches.
@@ -234,6 +235,11 @@ impl FormFactors {
         (self.valid[i] - self.escaped[i]) as f64 / self.valid[i].max(1) as f64
     }
 
+    /// Rays of row `i` that count, and how many of them left the scene, through cracks too.
+    pub fn rays(&self, i: usize) -> (u32, u32) {
+        (self.valid[i], self.escaped[i])
+    }
+
     /// Whether row `i` was estimated and has a ray that counts.
     pub fn has_row(&self, i: usize) -> bool {
         self.valid[i] > 0
@@ -244,16 +250,16 @@ impl FormFactors {
         self.hidden[i] as f64 / (self.hidden[i] + self.valid[i]).max(1) as f64
     }
 
-    /// `out_i = sum_j F_ij x_j`, three channels at once. Sums run in the order of j: the same bits for any number of
+    /// `out_i = sum_j F_ij x_j`, N channels at once. Sums run in the order of j: the same bits for any number of
     /// threads.
-    pub fn multiply(&self, x: &[[f64; 3]], out: &mut [[f64; 3]]) {
+    pub fn multiply<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
         out.par_chunks_mut(256).enumerate().for_each(|(chunk, out)| {
             for (k, out) in out.iter_mut().enumerate() {
                 let i = chunk * 256 + k;
-                let mut sum = [0.0; 3];
+                let mut sum = [0.0; N];
                 for (j, count) in self.entries(i) {
                     let (x, count) = (&x[j as usize], count as f64);
-                    for c in 0..3 {
+                    for c in 0..N {
                         sum[c] += count * x[c];
                     }
                 }
@@ -282,7 +288,7 @@ mod tests {
         let mut row = block.row();
         hits.iter().for_each(|&(patch, count)| row.add(patch, count));
         row.finish(Row { patch: 1, valid, escaped, hidden: 0, end: 0 });
-        FormFactors::of_blocks(70_000, vec![block], &[true; 70_000])
+        FormFactors::of_blocks(70_000, vec![block], &[true; 70_000], &[true; 70_000])
     }
 
     #[test]
