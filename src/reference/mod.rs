@@ -2,7 +2,7 @@
 //!
 //! It shares the scene and the ray tracer with the baker, and nothing else: no patches, no form factors, no
 //! interpolation, no closed forms of lamps. Paths start at the point, are cosine-distributed, look for a lamp at every vertex
-//! ([next-event estimation](lamps)) and end by Russian roulette alone, however long that takes.
+//! (next-event estimation) and end by Russian roulette alone, however long that takes.
 //!
 //! The model is the baker's: diffuse surfaces, whose albedo is read at the hit; triangles that emit their mean
 //! radiance; lights that are no surfaces block no rays; the back of a one-sided surface is black. (The baker leaves out
@@ -107,8 +107,8 @@ const REPLICATES: u32 = 16;
 const PILOT: u32 = 4;
 /// Paths that are under way together.
 const BATCH: usize = 2048;
-/// Points whose replicates are held in memory together.
-const BLOCK: usize = 2048;
+/// Replicates, of all their points, that are held in memory together.
+const BLOCK: usize = 1 << 15;
 
 /// Irradiance at `points`, by path tracing; a point in the very edge of the mesh is lit from slightly inside, as by
 /// [`crate::bake::Bake::irradiance`]. `tracer` holds the geometry of `scene`.
@@ -246,8 +246,9 @@ impl Tracing<'_> {
         let world = World { tracer: self.tracer, surfaces: &self.surfaces, lamps: &self.lamps, table: &table };
         let per_batch = (BATCH / each as usize).max(1);
         let (walks, seed, round) = (&self.walks, self.seed, self.rounds);
-        let mut lights = vec![Light::default(); self.sound.len().min(BLOCK) * replicates as usize];
-        for (sound, sums) in self.sound.chunks(BLOCK).zip(self.sums.chunks_mut(BLOCK)) {
+        let block = (BLOCK / replicates as usize).max(1);
+        let mut lights = vec![Light::default(); self.sound.len().min(block) * replicates as usize];
+        for (sound, sums) in self.sound.chunks(block).zip(self.sums.chunks_mut(block)) {
             let lights = &mut lights[..sound.len() * replicates as usize];
             lights.fill(Light::default());
             let (tally, walking) = lights

@@ -57,7 +57,7 @@ impl Map {
         let total = down[rows - 1];
         let up = image.up.try_normalize().unwrap_or(Vec3::Y);
         let turn = Quat::from_rotation_arc(Vec3::Y, up).inverse();
-        (total > 0.0 && total.is_finite()).then(|| Map { width, height, texels, turn, rows, columns, along, down })
+        (total > 0.0 && total.is_finite()).then_some(Map { width, height, texels, turn, rows, columns, along, down })
     }
 
     /// Radiance of a mean channel over the sphere, about.

@@ -147,7 +147,6 @@ impl Walk {
     }
 
     /// Shadow rays from all vertices.
-
     fn look(&mut self, world: &World, numbers: &Numbers) {
         let n = self.here.going + self.here.ending;
         self.shadow.resize(n);
