@@ -90,7 +90,7 @@ pub struct Energy {
     /// Power that the lamps emit, in closed form; suns and skies, whose power has no bound, are not in it.
     pub emitted: [f64; 3],
     /// Power of the lamps that no surface receives: it leaves the scene, goes into objects, or ends with the lamp's
-    /// range. By 65,536 rays from the lamps.
+    /// range. By 262,144 rays from the lamps.
     pub missed: [f64; 3],
     /// Power that the lights send onto surfaces, as received directly.
     pub direct: [f64; 3],

@@ -318,6 +318,21 @@ pub fn lights() -> Vec<Case> {
         let at = 0.5 + 0.45 * DVec3::new(number(), number(), number());
         many.point_light(at * ROOM, FLUX / MANY as f64);
     }
+    // Squares of 4 mm, 1 cm below the ceiling; what they cover of it and of each other's light is room like all else.
+    let mut squares = World::new();
+    let (grey, glow) = (squares.grey(0.5, 0.0), squares.grey(0.5, 1000.0));
+    squares.room(DVec3::ZERO, ROOM, grey);
+    const SIDE: f64 = 4e-3;
+    for k in 0..400 {
+        let at = DVec3::new(0.05 + 0.06 * (k % 20) as f64, 0.05 + 0.045 * (k / 20) as f64, ROOM.z - 0.01);
+        squares.quad("lamp", at, DVec3::Y * SIDE, DVec3::X * SIDE, glow);
+    }
+    let glowing = 400.0 * SIDE * SIDE;
+    let glow = mean(0.5, std::f64::consts::PI * 1000.0 * glowing, surface(ROOM) + 2.0 * glowing);
+    let mut squares = squares.build();
+    for t in &mut squares.scene.triangles {
+        t.two_sided = squares.scene.meshes[t.mesh as usize] == "lamp";
+    }
     let case = |name: &str, world: World, flux: f64| Case {
         name: name.into(),
         stage: world.build(),
@@ -325,6 +340,7 @@ pub fn lights() -> Vec<Case> {
         dark_beyond: None,
     };
     vec![
+        Case { name: "400 glowing squares".into(), stage: squares, mean: glow, dark_beyond: None },
         case("emission ratio 1e12", unequal, strong),
         case("bands of 1 : 1e12 : 1e-12", bands, FLUX),
         case("100,000 lights", many, FLUX),
