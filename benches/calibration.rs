@@ -1,7 +1,8 @@
 //! What bakes say of their own error against what it is: the estimate of every bake beside its difference from paths
 //! traced at the same vertices.
 //!
-//! `cargo bench --bench calibration -- [SCENE ...] [--paths N] [--points N] [--only preview|default|high]`; without scenes
+//! `cargo bench --bench calibration -- [SCENE ...] [--paths N] [--points N] [--only preview|default|high] [--adaptive]`;
+//! `--adaptive` lets points gather where they are in doubt; without scenes
 //! the Cornell box, a room with curved surfaces, two rooms, and those of `../shared/scenes` that are there.
 
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ use luxel::{
     BakeOptions, Quality, Scene,
     bake::Bake,
     compare::{self, Difference},
+    options::Reconstruct,
     progress::Silent,
     reference::{self, Reference, ReferenceOptions, Until},
     report::ErrorParts,
@@ -27,6 +29,7 @@ struct Job {
 fn main() {
     let mut arguments = std::env::args().skip(1);
     let (mut jobs, mut paths, mut points, mut only) = (Vec::new(), 4096, 1000, None);
+    let mut reconstruct = Reconstruct::Smooth;
     while let Some(argument) = arguments.next() {
         let mut number = || arguments.next().and_then(|n| n.parse().ok()).expect("a number");
         match argument.as_str() {
@@ -34,6 +37,7 @@ fn main() {
             "--paths" => paths = number(),
             "--points" => points = number(),
             "--only" => only = arguments.next(),
+            "--adaptive" => reconstruct = Reconstruct::Adaptive,
             scene => jobs.push(Job::new(scene)),
         }
     }
@@ -43,7 +47,7 @@ fn main() {
     println!("| scene | quality | light | true error | estimated | true / estimated | noise | grid | seconds |");
     println!("|-|-|-|-|-|-|-|-|-|");
     for job in jobs {
-        if let Err(error) = job.run(paths, points as usize, only.as_deref()) {
+        if let Err(error) = job.run(paths, points as usize, only.as_deref(), reconstruct) {
             println!("{}: {error}", job.path.display());
         }
     }
@@ -73,13 +77,13 @@ impl Job {
         Job { path: path.into(), overrides }
     }
 
-    fn run(&self, paths: u32, points: usize, only: Option<&str>) -> luxel::Result<()> {
+    fn run(&self, paths: u32, points: usize, only: Option<&str>, reconstruct: Reconstruct) -> luxel::Result<()> {
         let scene = scene::load(&self.path, &self.overrides)?.0;
         for (name, quality) in [("preview", Quality::Preview), ("default", Quality::Default), ("high", Quality::High)] {
             if only.is_some_and(|only| only != name) {
                 continue;
             }
-            let mut options = BakeOptions::default();
+            let mut options = BakeOptions { reconstruct, ..BakeOptions::default() };
             quality.apply(&mut options);
             let bake = luxel::bake(&scene, &options, &Silent)?;
             row(&scene, &bake, name, paths, points)?;

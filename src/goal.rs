@@ -45,8 +45,9 @@ const AIM: f64 = 0.85;
 const PLAN: f64 = 0.8;
 /// A bake that is expected to have more than this share of the best error is not worth it.
 const WORTH: f64 = 0.9;
-/// Bakes at most.
+/// Bakes at most, and those in a row that may be no better than others.
 const MOST_STEPS: usize = 12;
+const MOST_FAILURES: usize = 2;
 
 /// Variance falls as these powers of shadow samples and of rays (Sobol points: faster than 1), the square of the
 /// discretisation error as this power of the voxels along a side: measured, see ARCHITECTURE.md.
@@ -114,12 +115,16 @@ impl Search<'_> {
         let mut best = self.step(self.first()?, None, None)?;
         let deadline = self.goal.budget.map(|budget| self.begun + budget);
         let mut last: Option<Found> = None;
+        let mut failures = 0;
         let ended = loop {
             if self.goal.target_error.is_some_and(|target| best.error.total <= target) {
                 break "the target is reached".to_string();
             }
             if self.steps.len() == MOST_STEPS {
                 break format!("{MOST_STEPS} bakes did not do");
+            }
+            if failures == MOST_FAILURES {
+                break "the error does not fall any more".into();
             }
             let from = last.as_ref().unwrap_or(&best);
             let Some((setting, expected)) = self.next(from, best.error.total) else {
@@ -133,6 +138,7 @@ impl Search<'_> {
                 // What was baked before is there still.
                 Err(error) => break error.to_string(),
             };
+            failures = if found.error.total < WORTH * best.error.total { 0 } else { failures + 1 };
             if found.error.total < best.error.total {
                 (best, last) = (found, None);
             } else {

@@ -42,6 +42,13 @@ pub enum Reconstruct {
     Adaptive,
 }
 
+impl Reconstruct {
+    /// Whether points may cast rays of their own for the light of patches.
+    pub fn gathers(self) -> bool {
+        matches!(self, Reconstruct::Gather | Reconstruct::Adaptive)
+    }
+}
+
 /// How primary light enters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -3,22 +3,28 @@
 mod common;
 
 use common::{World, faces, options};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use luxel::{
     BakeOptions,
     bake::Bake,
-    options::{Primary, Resolution},
+    options::{PatchSource, Primary, Reconstruct, Resolution},
     output::tonemap::luminance,
     progress::Silent,
+    scene::WorldLight,
 };
 
-/// A furnished room with a lamp whose shadows are soft.
+/// A room with a lamp whose shadows are soft, and a block that hides no floor: light that nobody sees has no truth.
 fn room() -> World {
     let mut world = World::new();
-    let (wall, lamp) = (world.grey(0.7, 0.0), world.grey(0.2, 5.0));
+    let wall = world.grey(0.7, 0.0);
     world.room(DVec3::ZERO, DVec3::new(1.3, 1.0, 0.8), wall);
-    world.block(DVec3::new(0.31, 0.2, 0.0), DVec3::new(0.6, 0.53, 0.35), wall);
-    world.quad("lamp", DVec3::new(0.4, 0.4, 0.75), DVec3::Y * 0.3, DVec3::X * 0.3, lamp);
+    world.block(DVec3::new(0.31, 0.2, 0.08), DVec3::new(0.6, 0.53, 0.35), wall);
+    world.builder.add_light(WorldLight::Rectangle {
+        corner: DVec3::new(0.4, 0.4, 0.75),
+        edge_u: DVec3::Y * 0.3,
+        edge_v: DVec3::X * 0.3,
+        radiance: Vec3::splat(5.0),
+    });
     world
 }
 
@@ -36,7 +42,7 @@ fn areas(bake: &Bake) -> Vec<f64> {
     areas
 }
 
-fn bright(values: &[glam::Vec3]) -> Vec<f64> {
+fn bright(values: &[Vec3]) -> Vec<f64> {
     values.iter().map(|v| luminance(*v) as f64).collect()
 }
 
@@ -94,9 +100,17 @@ fn the_true_error_is_within_twice_the_estimate_and_half_of_it() {
     let scene = room().build().scene;
     let fine = BakeOptions { point_samples: 16, ..options(64, 1024) };
     let truth = luxel::bake(&scene, &fine, &Silent).unwrap();
-    for (grid, rays) in [(8, 256), (16, 256), (16, 32)] {
-        let bake =
-            luxel::bake(&scene, &BakeOptions { point_samples: 32, ..estimated(options(grid, rays)) }, &Silent).unwrap();
+    let smooth = Reconstruct::Smooth;
+    let cases = [
+        (8, 256, smooth),
+        (16, 256, smooth),
+        (16, 32, smooth),
+        (12, 64, Reconstruct::Adaptive),
+        (12, 64, Reconstruct::Gather),
+    ];
+    for (grid, rays, reconstruct) in cases {
+        let own = BakeOptions { point_samples: 32, gather_rays: 128, reconstruct, ..estimated(options(grid, rays)) };
+        let bake = luxel::bake(&scene, &own, &Silent).unwrap();
         let expected = truth.irradiance_with(&bake.mesh.samples, 4096, &Silent);
         let areas = areas(&bake);
         let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a + b).collect::<Vec<f64>>();
@@ -113,7 +127,7 @@ fn the_true_error_is_within_twice_the_estimate_and_half_of_it() {
             ),
         ];
         for (name, is, said) in rows {
-            println!("grid {grid}, {rays} rays, {name}: {is:.4}, estimated {said:.4}");
+            println!("grid {grid}, {rays} rays, {reconstruct:?}, {name}: {is:.4}, estimated {said:.4}");
             assert!((0.5..2.0).contains(&(said / is)), "{name}: {said} for {is}");
         }
     }
@@ -127,6 +141,9 @@ fn every_mode_has_an_estimate_and_errors_of_vertices_agree_with_it() {
         faces(options(10, 64)),
         BakeOptions { primary: Primary::Radiosity, ..options(10, 64) },
         BakeOptions { resolution: Resolution::Grid(2), ..options(2, 16) },
+        BakeOptions { patches: PatchSource::Decimated, ..options(10, 64) },
+        BakeOptions { reconstruct: Reconstruct::Adaptive, gather_rays: 64, ..options(10, 64) },
+        BakeOptions { reconstruct: Reconstruct::Nearest4, ..options(10, 64) },
     ];
     for mode in modes {
         let bake = stage.bake(&estimated(mode));

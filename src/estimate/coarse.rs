@@ -34,6 +34,14 @@ pub struct Coarse {
     known: Vec<bool>,
 }
 
+/// Light of coarse patches.
+pub struct CoarseLight {
+    /// Irradiance of the coarse patches, W/m2.
+    pub received: Vec<[f64; 3]>,
+    /// Radiosity that it comes from, W/m2: of the bake's own patches, equal over each coarse one.
+    pub sent: Vec<[f64; 3]>,
+}
+
 impl Coarse {
     pub fn new(scene: &Scene, bake: &Bake) -> Coarse {
         let fine = bake.simplified.grid;
@@ -82,8 +90,8 @@ impl Coarse {
         sums
     }
 
-    /// The irradiance of the coarse patches if all that is sent is the same over each of them.
-    pub fn light(&self, bake: &Bake, field: &Field) -> Vec<[f64; 3]> {
+    /// The light of the coarse patches if what is sent is the same over each of them.
+    pub fn light(&self, bake: &Bake, field: &Field) -> CoarseLight {
         let albedo = rgb(&bake.patches().albedo);
         let own = rgb(field.sent);
         let sent = self.average(&own);
@@ -103,27 +111,27 @@ impl Coarse {
             .map(|p| std::array::from_fn(|c| sent[p][c] - product[p][c] + albedo[p][c] * total[p][c]))
             .collect();
         let before = self.average(&rgb(field.received));
-        let mut received = self.exchange(bake, &own, &sent);
+        let mut light = self.exchange(bake, &own, &sent);
         for _ in 1..BOUNCES {
             let changed: Vec<[f64; 3]> = (0..sent.len())
-                .map(|p| std::array::from_fn(|c| sent[p][c] + albedo[p][c] * (received[p][c] - before[p][c])))
+                .map(|p| std::array::from_fn(|c| sent[p][c] + albedo[p][c] * (light.received[p][c] - before[p][c])))
                 .collect();
-            received = self.exchange(bake, &own, &changed);
+            light = self.exchange(bake, &own, &changed);
         }
-        received
+        light
     }
 
     /// What coarse patches receive of what they send; patches that belong to none send their `own`.
-    fn exchange(&self, bake: &Bake, own: &[[f64; 3]], sent: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    fn exchange(&self, bake: &Bake, own: &[[f64; 3]], sent: &[[f64; 3]]) -> CoarseLight {
         let of_patch = |(i, &p): (usize, &u32)| match p {
             NO_PATCH => own[i],
             p if self.known[p as usize] => sent[p as usize],
             _ => own[i],
         };
-        let spread: Vec<[f64; 3]> = self.parent.iter().enumerate().map(of_patch).collect();
-        let mut received = vec![[0.0; 3]; spread.len()];
-        bake.form_factors.multiply(&spread, &mut received);
-        self.average(&received)
+        let sent: Vec<[f64; 3]> = self.parent.iter().enumerate().map(of_patch).collect();
+        let mut received = vec![[0.0; 3]; sent.len()];
+        bake.form_factors.multiply(&sent, &mut received);
+        CoarseLight { received: self.average(&received), sent }
     }
 
     /// The field of `values` of the coarse patches, for interpolation.

@@ -42,8 +42,9 @@ pub struct VertexError {
     pub total: Vec<f32>,
 }
 
-/// Share of the vertices that are looked at.
+/// Share of the vertices that are looked at; and where vertices cast many rays of their own, as each then does three times.
 const SHARE: f64 = 1.0 / 8.0;
+const GATHERING_SHARE: f64 = 1.0 / 32.0;
 /// Vertices that are looked at at least, where there are as many.
 const LEAST: usize = 1024;
 /// Purpose words of random bits.
@@ -64,7 +65,8 @@ struct Variance {
 ///
 /// Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
 pub fn estimate(scene: &Scene, bake: &Bake) -> (ErrorReport, VertexError) {
-    let looked_at = chosen(bake.mesh.samples.len(), SHARE, LEAST, bake.options.seed ^ CHOICE);
+    let share = if bake.options.reconstruct.gathers() { GATHERING_SHARE } else { SHARE };
+    let looked_at = chosen(bake.mesh.samples.len(), share, LEAST, bake.options.seed ^ CHOICE);
     let points: Vec<SurfacePoint> = looked_at.iter().map(|&v| bake.mesh.samples[v as usize]).collect();
     let coarse = Coarse::new(scene, bake);
 

@@ -1,16 +1,14 @@
 //! Error of light that patches carry.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
-use super::{Variance, chosen, coarse::Coarse, local::Local};
+use super::{
+    Variance, chosen,
+    coarse::{Coarse, CoarseLight},
+    local::Local,
+};
 use crate::{
-    bake::Bake,
-    output::tonemap::luminance,
-    reconstruct, sampling,
-    scene::SurfacePoint,
-    trace::{Hit, RayBatch},
-    transfer::{self, Emitter, PointSets},
+    bake::Bake, options::Reconstruct, output::tonemap::luminance, reconstruct, sampling, scene::SurfacePoint, transfer,
 };
 
 /// A light that patches send each other by form factors.
@@ -27,11 +25,10 @@ pub struct Field<'a> {
 const SHARE: f64 = 1.0 / 16.0;
 /// Rows that are cast again at least, where there are as many.
 const LEAST: usize = 1024;
-/// Number of the independent set of rays of a row.
-const AGAIN: u64 = 0x1_0000;
 /// Purpose words of random bits.
 const CHOICE: u64 = 0x726f_7773;
 const SIGNS: u64 = 0x7369_676e;
+const AGAIN: u64 = 0x6761_7468;
 /// Discretisation errors fall about as this power of the voxel size: between 0.9 and 1.4 from grid 16 to 64 on the Cornell
 /// box, a room with curved surfaces and two rooms with a door.
 const ORDER: f64 = 1.25;
@@ -40,11 +37,20 @@ const LIFT: f32 = 100.0;
 
 /// Noise and discretisation error of a field at `points`.
 pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[SurfacePoint]) -> Variance {
-    let rows = row_noise(bake, field);
-    let coarse_light = coarse.light(bake, field);
+    let light = coarse.light(bake, field);
+    let mut variance = interpolated(bake, coarse, field, &light, points);
+    if bake.options.reconstruct.gathers() {
+        gathered(bake, field, &light, points, &mut variance);
+    }
+    variance
+}
 
-    // White noise takes the same way as light: two realisations of it tell how much of the noise of patches is left at
-    // the points, and how much of it the two levels do not have in common.
+/// Of light that is interpolated between patches.
+///
+/// White noise takes the same way as light: two realisations of it tell how much of the noise of patches is left at the
+/// points, and how much of it the two levels do not have in common.
+fn interpolated(bake: &Bake, coarse: &Coarse, field: &Field, light: &CoarseLight, points: &[SurfacePoint]) -> Variance {
+    let rows = row_noise(bake, field);
     let white: Vec<[f64; 3]> = (0..field.received.len())
         .map(|i| {
             let bits = sampling::hash(&[bake.options.seed, SIGNS, i as u64]);
@@ -53,72 +59,73 @@ pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[Su
         })
         .collect();
     let mut coarse_white = coarse.average(&white);
-    coarse_white.iter_mut().zip(&coarse_light).for_each(|(w, e)| w[0] = luminance(vec3(*e)) as f64);
+    coarse_white.iter_mut().zip(&light.received).for_each(|(w, e)| w[0] = luminance(vec3(*e)) as f64);
     let lifted = |v: &[[f64; 3]]| v.iter().map(|w| vec3(*w) + Vec3::new(0.0, LIFT, LIFT)).collect::<Vec<Vec3>>();
-    let fine = bake.interpolate(points, &lifted(&white), field.sent);
-    let coarse =
-        reconstruct::interpolate(&coarse.field(bake, &lifted(&coarse_white)), bake.options.reconstruct, points);
+    let (white, coarse_white) = (lifted(&white), lifted(&coarse_white));
+    let method = if bake.options.reconstruct.gathers() { Reconstruct::Smooth } else { bake.options.reconstruct };
+    let fine = reconstruct::interpolate(&bake.field(&white, field.sent), method, points);
+    let coarse = reconstruct::interpolate(&coarse.field(bake, &coarse_white), method, points);
 
-    let mut left = Vec::with_capacity(points.len());
-    let mut detail = Vec::with_capacity(points.len());
-    let share = 1.0 / (2.0_f64.powf(ORDER) - 1.0).powi(2);
+    let mut variance = Variance { shadow: vec![0.0; points.len()], rows: Vec::new(), detail: Vec::new() };
     for (p, (fine, coarse)) in points.iter().zip(fine.iter().zip(&coarse)) {
         let row = rows.variance(p, fine.x as f64);
         let kept = *fine - Vec3::splat(LIFT);
         let apart = *coarse - *fine;
         let gain = |v: Vec3| 0.5 * (v.y * v.y + v.z * v.z) as f64;
-        left.push(gain(kept) * row);
-        detail.push(share * ((apart.x as f64).powi(2) - gain(apart) * row));
+        variance.rows.push(gain(kept) * row);
+        variance.detail.push(detail_of((apart.x as f64).powi(2) - gain(apart) * row));
     }
-    Variance { shadow: vec![0.0; points.len()], rows: left, detail }
+    variance
+}
+
+/// Of light that points gather by rays of their own, where they do: by other rays, and from coarse patches.
+fn gathered(bake: &Bake, field: &Field, light: &CoarseLight, points: &[SurfacePoint], variance: &mut Variance) {
+    let own = bake.interpolate(points, field.received, field.sent);
+    let fitted = reconstruct::interpolate(&bake.field(field.received, field.sent), Reconstruct::Smooth, points);
+    let everywhere = bake.options.reconstruct == Reconstruct::Gather;
+    // Where points do not gather, light is that of the fit to the bit.
+    let asking: Vec<usize> = (0..points.len()).filter(|&k| everywhere || own[k] != fitted[k]).collect();
+    let places: Vec<SurfacePoint> = asking.iter().map(|&k| points[k]).collect();
+
+    let mut other = bake.field(field.received, field.sent);
+    other.senders.seed ^= AGAIN;
+    let other = reconstruct::interpolate(&other, Reconstruct::Gather, &places);
+    let sent: Vec<Vec3> = light.sent.iter().map(|b| vec3(*b)).collect();
+    let coarse = reconstruct::interpolate(&bake.field(field.received, &sent), Reconstruct::Gather, &places);
+    for (n, &k) in asking.iter().enumerate() {
+        let square = |e: Vec3| (luminance(own[k] - e) as f64).powi(2);
+        variance.rows[k] = 0.5 * square(other[n]);
+        variance.detail[k] = detail_of(square(coarse[n]));
+    }
+}
+
+/// The square of the discretisation error of a bake by the square of what larger patches change.
+fn detail_of(square: f64) -> f64 {
+    square / (2.0_f64.powf(ORDER) - 1.0).powi(2)
 }
 
 /// Variance of the irradiance of rows: some are cast again, and meet the radiosity that is known.
 fn row_noise(bake: &Bake, field: &Field) -> Local {
     let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
     let with_rows: Vec<u32> = (0..patches.len() as u32).filter(|&i| f.has_row(i as usize)).collect();
-    let picked = chosen(with_rows.len(), SHARE, LEAST, options.seed ^ CHOICE);
-    let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
-    let sets = PointSets::new(options.rays as usize, options.seed);
-    let again: Vec<(u32, f64)> = picked
-        .par_chunks(64)
-        .flat_map_iter(|chunk| {
-            let (mut emitter, mut rays, mut hits) = (Emitter::default(), RayBatch::default(), Vec::new());
-            let mut row = |k: u32| {
-                let i = with_rows[k as usize];
-                transfer::row_rays(&bake.simplified, &sets, i, options.seed, AGAIN, &mut emitter, &mut rays);
-                hits.resize(rays.len(), Hit::NONE);
-                bake.patch_tracer().closest_hits(&rays, &mut hits);
-                (i, received(bake, &hits, &sent))
-            };
-            chunk.iter().map(|&k| row(k)).collect::<Vec<_>>()
-        })
+    let picked: Vec<u32> = chosen(with_rows.len(), SHARE, LEAST, options.seed ^ CHOICE)
+        .into_iter()
+        .map(|k| with_rows[k as usize])
         .collect();
+    let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
+    let (simplified, tracer, closed) = (&bake.simplified, bake.patch_tracer(), f.is_closed());
+    let again = transfer::receive_again(simplified, tracer, &picked, &sent, closed, options.rays, options.seed);
 
     let light = |i: u32| luminance(field.received[i as usize]) as f64;
-    let area: f64 = again.iter().map(|&(i, _)| patches.area[i as usize] as f64).sum();
-    let mean = again.iter().map(|&(i, _)| patches.area[i as usize] as f64 * light(i)).sum::<f64>() / area;
+    let area: f64 = picked.iter().map(|&i| patches.area[i as usize] as f64).sum();
+    let mean = picked.iter().map(|&i| patches.area[i as usize] as f64 * light(i)).sum::<f64>() / area;
     let mut local = Local::new(bake.simplified.grid, if area > 0.0 { mean } else { 0.0 });
-    for (i, second) in again {
+    for (&i, second) in picked.iter().zip(again) {
         let k = i as usize;
         let place = SurfacePoint { position: patches.centroid[k], normal: patches.normal[k] };
         local.add(&place, patches.area[k] as f64, 0.5 * (second - light(i)).powi(2), light(i));
     }
     local
-}
-
-/// Irradiance of a patch by the hits of its rays, counted as form factors count them.
-fn received(bake: &Bake, hits: &[Hit], sent: &[f32]) -> f64 {
-    let (mut sum, mut count) = (0.0, 0u32);
-    for hit in hits {
-        if !hit.is_hit() {
-            count += !bake.form_factors.is_closed() as u32;
-        } else if let Some(j) = bake.patch_of(hit) {
-            sum += sent[j as usize] as f64;
-            count += 1;
-        }
-    }
-    sum / count.max(1) as f64
 }
 
 pub(super) fn vec3(v: [f64; 3]) -> Vec3 {

@@ -54,6 +54,8 @@ pub struct Plan<'a> {
 const PROBE: usize = 64;
 /// Independent rows that confirm a single ray.
 const CONFIRM: u64 = 4;
+/// Number of the set of rays that tells how noisy a row is.
+const AGAIN: u64 = CONFIRM + 1;
 /// A row of little importance has this many times fewer rays, but no fewer than [`LEAST`].
 const FEWER: u32 = 8;
 const LEAST: u32 = 16;
@@ -208,6 +210,45 @@ fn little_seen(patches: usize, rows: &[Block], has_row: &[bool], rays: u32) -> V
         }
     }
     most.iter().zip(has_row).map(|(&count, has_row)| !has_row && count * SEEN_LITTLE <= rays).collect()
+}
+
+/// What `patches` receive if their rows are cast again with other, independent rays: the sum of what is `sent` over the
+/// hits, counted as [`estimate`] counts them (`closed`: see [`FormFactors::is_closed`]).
+pub fn receive_again(
+    simplified: &Simplified,
+    tracer: &dyn RayTracer,
+    patches: &[u32],
+    sent: &[f32],
+    closed: bool,
+    rays: u32,
+    seed: u64,
+) -> Vec<f64> {
+    let caster = Caster {
+        simplified,
+        tracer,
+        rows: PointSets::new(rays as usize, seed),
+        probes: PointSets::new(PROBE.min(rays as usize), seed ^ 0x70),
+        seed,
+        scratch: Mutex::default(),
+    };
+    patches
+        .par_chunks(CHUNK)
+        .flat_map_iter(|chunk| {
+            let mut s = caster.take();
+            let mut block = Block::default();
+            for &i in chunk {
+                caster.cast(i, &caster.rows, AGAIN, &mut s);
+                caster.count(i, &mut s, &mut block);
+            }
+            caster.give_back(s);
+            let received = |k: usize| {
+                let sum: f64 = block.entries(k).map(|(j, count)| count as f64 * sent[j as usize] as f64).sum();
+                let row = &block.rows[k];
+                sum / (row.valid - if closed { row.escaped } else { 0 }).max(1) as f64
+            };
+            (0..chunk.len()).map(received).collect::<Vec<f64>>()
+        })
+        .collect()
 }
 
 /// A patch whose row is cast, but that is not known to be reached.

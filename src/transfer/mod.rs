@@ -7,6 +7,6 @@ mod points;
 mod tally;
 
 pub use emit::{Emitter, patch_points};
-pub use estimate::{Estimate, Plan, estimate, estimate_plan, row_rays};
+pub use estimate::{Estimate, Plan, estimate, estimate_plan, receive_again, row_rays};
 pub use matrix::{FormFactors, Row};
 pub use points::PointSets;
