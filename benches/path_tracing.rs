@@ -27,11 +27,11 @@ use luxel::{
 const TARGET: f64 = 0.01;
 /// Grids and rays, from fast to slow; the first one that reaches the target is timed.
 const CANDIDATES: [(u32, u32); 7] = [(16, 256), (24, 128), (24, 256), (32, 128), (32, 256), (48, 256), (64, 256)];
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 3;
 /// Stages that lighting given points does not need.
 const NOT_NEEDED: [&str; 2] = ["split mesh", "vertices"];
 /// Points that the path tracer is timed at, at most.
-const TRACED: usize = 2000;
+const TRACED: usize = 1000;
 
 fn main() {
     println!("{}", Machine::here());
@@ -62,7 +62,7 @@ struct Job {
     count: usize,
 }
 
-/// 100,000 points of the Cornell box, 2000 of them with a reference by luxel's own path tracer.
+/// 100,000 points of the Cornell box, 1000 of them with a reference by luxel's own path tracer.
 fn random_points() -> Result<Option<Job>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml");
     let scene = scene::load(&path, &SceneOverrides::default())?.0;

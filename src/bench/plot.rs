@@ -120,7 +120,8 @@ fn panel(root: &Area, edges: [i32; 4], title: &str, bench: &SceneBench, at: &[(f
         marker(root, &entry.method, bench, p)?;
         // The front has free space on its lower left, the path tracer's curve on its upper right.
         if matches!(entry.method, Method::Paths(_)) {
-            write(root, &entry.method.label(), (p.0 + 7, p.1 - 5), 12, Anchor::LOWER_LEFT)?;
+            let (at, anchor) = if p.0 + 80 < right { (7, Anchor::LOWER_LEFT) } else { (-7, Anchor::UPPER_RIGHT) };
+            write(root, &entry.method.label(), (p.0 + at, p.1 - 5), 12, anchor)?;
         } else if on {
             write(root, &entry.method.label(), (p.0 - 8, p.1 + 6), 12, Anchor::UPPER_RIGHT)?;
         }
@@ -165,19 +166,23 @@ fn first_backend(bench: &SceneBench) -> Option<crate::options::Backend> {
 
 fn legend(root: &Area, bench: &SceneBench) -> Drawn {
     let (x, mut y) = LEGEND;
-    let mut told: Vec<String> = Vec::new();
+    let mut told: Vec<(String, &Method)> = Vec::new();
     for entry in &bench.entries {
         let series = entry.method.series();
-        if !told.contains(&series) {
-            marker(root, &entry.method, bench, (x, y))?;
-            write(root, &series, (x + 16, y), 14, Anchor::LEFT)?;
-            told.push(series);
-            y += 24;
+        if told.iter().all(|t| t.0 != series) {
+            told.push((series, &entry.method));
         }
+    }
+    // Many series stand closer together.
+    let step = ((PANELS[0][3] - y) / (told.len() as i32 + 1)).min(24);
+    for (series, method) in told {
+        marker(root, method, bench, (x, y))?;
+        write(root, &series, (x + 16, y), step.min(14), Anchor::LEFT)?;
+        y += step;
     }
     root.draw(&PathElement::new([(x - 8, y), (x + 8, y)], FRONT.stroke_width(7)))?;
     write(root, "Pareto front", (x + 16, y), 14, Anchor::LEFT)?;
-    write(root, "labels: grid/rays a patch", (x - 8, y + 30), 13, Anchor::LEFT)?;
+    write(root, "labels: grid/rays a patch", (x - 8, PANELS[0][3] + 22), 13, Anchor::LEFT)?;
     Ok(())
 }
 
@@ -208,7 +213,7 @@ impl Axis {
 
     /// 1, 2, 5 of every decade; whether each has its number written.
     fn ticks(&self) -> Vec<(f64, bool)> {
-        let wide = self.high - self.low > 2.5;
+        let wide = self.high - self.low > 3.2;
         let decades = self.low.floor() as i32..=self.high.ceil() as i32;
         let all = decades.flat_map(|d| [1.0, 2.0, 5.0].map(|m| (m * 10.0_f64.powi(d), m == 1.0 || !wide)));
         all.filter(|(v, _)| (self.low..=self.high).contains(&v.log10())).collect()
@@ -218,7 +223,7 @@ impl Axis {
 /// With a comma between thousands.
 fn grouped(n: usize) -> String {
     let digits = n.to_string();
-    let comma = |i: usize| i > 0 && (digits.len() - i) % 3 == 0;
+    let comma = |i: usize| i > 0 && (digits.len() - i).is_multiple_of(3);
     digits.chars().enumerate().flat_map(|(i, c)| comma(i).then_some(',').into_iter().chain([c])).collect()
 }
 

@@ -51,8 +51,8 @@ pub(super) fn furnaces(backend: Backend) -> Result<Vec<Row>> {
             let options = BakeOptions { primary: Primary::Radiosity, ..options(8, 256, backend) };
             let bake = crate::bake(&build(Vec3::from_array(albedos)).build()?.0, &options, &Silent)?;
             // The one albedo that both sets hold is told once.
-            for c in set..3 {
-                let rho = albedos[c] as f64;
+            for (c, albedo) in albedos.into_iter().enumerate().skip(set) {
+                let rho = albedo as f64;
                 let rows: Vec<usize> = (0..bake.patches().len()).filter(|&i| bake.form_factors.has_row(i)).collect();
                 let total = |&i: &usize| (bake.patches().emitted[i][c] + bake.light.radiosity[i][c]) as f64;
                 let got: Vec<f64> = rows.iter().map(total).collect();
@@ -61,7 +61,7 @@ pub(super) fn furnaces(backend: Backend) -> Result<Vec<Row>> {
                 let ulp = f32::EPSILON as f64;
                 let bound = options.tolerance + ulp * rho / (1.0 - rho) + 8.0 * ulp;
                 let expected = vec![furnace(PI, rho); got.len()];
-                let row = Row::worst(format!("white furnaces, albedo {}", albedos[c]), &got, &expected, bound);
+                let row = Row::worst(format!("white furnaces, albedo {albedo}"), &got, &expected, bound);
                 match table.get_mut(at) {
                     Some(before) => *before = before.clone().or_worse(row),
                     None => table.push(row),
