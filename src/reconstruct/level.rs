@@ -2,50 +2,51 @@
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::simplify::{Simplified, UNLIKE, normal_of};
+use crate::{
+    scene::SurfacePoint,
+    simplify::{Patches, Simplified, normal_of},
+};
 
-/// How much the surfaces of each patch turn; and the visibility rays that this has spared.
+/// Which patches are flat; and the visibility rays that this has spared.
 ///
-/// Only surfaces unlike a point hide patches from it. Every surface near is a piece of a patch, but for dust that
-/// clipping leaves out; so where all patches near are like the point, all of them are visible.
+/// Every surface near a point is a piece of a patch, but for dust that clipping leaves out. Where all patches near lie
+/// in the plane of the point, the rays between, which run above it, meet nothing.
 #[derive(Debug, Default)]
 pub struct Level {
-    /// Cosine and sine of the largest angle of the surfaces of a patch to its normal; empty if nothing is known.
-    spread: Vec<[f32; 2]>,
+    /// Empty if nothing is known.
+    flat: Vec<bool>,
     cast: AtomicU64,
     spared: AtomicU64,
 }
 
-/// Margin for rounding.
-const MARGIN: f32 = 1e-4;
+/// Cosine from which on surfaces are parallel: across a voxel they then part by less than a fifth of the rays' height.
+const PARALLEL: f32 = 1.0 - 1e-6;
 
 impl Level {
     /// Of patches that are the pieces of all real surfaces.
     pub fn new(simplified: &Simplified) -> Level {
         let patches = &simplified.patches;
-        let spread = |i: usize| {
-            let cosine = |&m: &u32| {
+        let flat = |i: usize| {
+            patches.members(i).iter().all(|&m| {
                 let corners = simplified.corners(simplified.fragments.triangle[(m >> 1) as usize] as usize);
-                normal_of(&corners).dot(patches.normal[i]).abs()
-            };
-            let cos = patches.members(i).iter().map(cosine).fold(1.0, f32::min);
-            [cos, (1.0 - cos * cos).max(0.0).sqrt()]
+                normal_of(&corners).dot(patches.normal[i]).abs() >= PARALLEL
+            })
         };
-        Level { spread: (0..patches.len()).into_par_iter().map(spread).collect(), ..Level::default() }
+        Level { flat: (0..patches.len()).into_par_iter().map(flat).collect(), ..Level::default() }
     }
 
     /// Whether anything is known.
     pub(super) fn is_known(&self) -> bool {
-        !self.spread.is_empty()
+        !self.flat.is_empty()
     }
 
-    /// Whether no surface of patch `j` with mean normal `n` hides anything from a point with this normal.
-    pub(super) fn is_like(&self, j: usize, n: Vec3, normal: Vec3) -> bool {
-        let ([cos_spread, sin_spread], cos) = (self.spread[j], n.dot(normal).abs().min(1.0));
-        cos * cos_spread - (1.0 - cos * cos).max(0.0).sqrt() * sin_spread > UNLIKE + MARGIN
+    /// Whether all of patch `j` lies in the plane of the point, up to `height`.
+    pub(super) fn in_plane(&self, patches: &Patches, j: usize, point: &SurfacePoint, height: f32) -> bool {
+        let parallel = || patches.normal[j].dot(point.normal).abs() >= PARALLEL;
+        let level = || (patches.centroid[j] - point.position).dot(point.normal).abs() <= height;
+        self.flat[j] && parallel() && level()
     }
 
     pub(super) fn count(&self, cast: usize, spared: usize) {

@@ -68,7 +68,7 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
     let patches = field.patches();
     let begin = out.len();
     field.index.near(point.position, RADIUS + 2.0 * LIFT, |j| {
-        clear = clear && field.level.is_like(j, patches.normal[j], point.normal);
+        clear = clear && field.level.in_plane(patches, j, point, 0.25 * LIFT * h);
         if !field.known[j] {
             return;
         }
