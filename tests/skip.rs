@@ -94,7 +94,7 @@ fn the_list_tells_what_was_saved() {
     assert!(outer.patches > 300 && outer.bound == Some(0.0), "{outer:?}");
     let saved = all.report.rays.form_factors - skip.report.rays.form_factors;
     assert!(outer.rays > saved / 2 && outer.seconds.unwrap() > 0.0, "{outer:?}, {saved} rays");
-    for what in ["that face away", "sky rays without sky", "along surfaces", "channels"] {
+    for what in ["that face away", "sky rays without sky", "along planes", "channels"] {
         assert_eq!(skipped(&skip, what).bound, Some(0.0), "{what}");
     }
 
@@ -257,6 +257,6 @@ fn a_name_that_no_mesh_has_is_told_with_those_that_are_like_it() {
             other => panic!("{:?}", other.err()),
         }
     };
-    assert_eq!(error("Blo"), "--only \"Blo\": there is no such mesh; like it are \"block\"");
+    assert_eq!(error("B_lo"), "--only \"B_lo\": there is no such mesh; like it are \"block\"");
     assert_eq!(error("chair"), "--only \"chair\": there is no such mesh; there are \"block\"; \"lamp\"; \"room\"");
 }

@@ -79,7 +79,8 @@ pub(super) fn audit(scene: &crate::Scene, bake: &Bake, found: Found, row_rays: u
         bands: (found.bands, clock.seconds("solve")),
         only: found.own.as_ref().map(|own| {
             let black = |i: usize| patches.albedo[i] == Vec3::ZERO;
-            let without = |black_ones: bool| (0..n).filter(|&i| !f.has_row(i) && black(i) == black_ones).count();
+            let without =
+                |black_ones: bool| (0..n).filter(|&i| !f.has_row(i) && !outer(i) && black(i) == black_ones).count();
             let few = (0..n).filter(|&i| found.few[i] && f.has_row(i));
             let saved = |i: usize| (bake.options.rays as u64).saturating_sub(f.rays(i).0 as u64);
             let irradiance = |i: usize| light.direct[i] + light.indirect[i];

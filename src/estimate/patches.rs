@@ -88,7 +88,7 @@ fn gathered(bake: &Bake, field: &Field, light: &CoarseLight, points: &[SurfacePo
     let places: Vec<SurfacePoint> = asking.iter().map(|&k| points[k]).collect();
 
     let mut other = bake.field(field.received, field.sent);
-    other.senders.seed ^= AGAIN;
+    other.senders.iter_mut().for_each(|s| s.seed ^= AGAIN);
     let other = reconstruct::interpolate(&other, Reconstruct::Gather, &places);
     let sent: Vec<Vec3> = light.sent.iter().map(|b| vec3(*b)).collect();
     let coarse = reconstruct::interpolate(&bake.field(field.received, &sent), Reconstruct::Gather, &places);

@@ -215,14 +215,9 @@ impl Work<'_> {
             unshadowed = at_middle;
             if unshadowed == 0.0 {
                 self.emit_away(id, x);
+                return self.scratch.close(Sum::Share(Vec3::ZERO, id));
             }
-            let n = if unshadowed == 0.0 {
-                0
-            } else if lamp.is_point_like() {
-                1
-            } else {
-                n
-            };
+            let n = if lamp.is_point_like() { 1 } else { n };
             let sampler = Sampler::new(lamp, x);
             for k in 0..n {
                 let [u, v, _] = self.numbers.shifted(k, shift);

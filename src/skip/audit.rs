@@ -111,8 +111,8 @@ pub fn list(a: &Audit) -> Vec<Skipped> {
     let bound = Some(1.0 / (std::f64::consts::E * lamps.1.max(1) as f64));
     entries.push(entry("lights that reach nothing", 0, rays, shadows(0, rays), bound, error));
 
-    let error = exact("none: no surface near them stands between; but for dust that clipping leaves out");
-    entries.push(entry("visibility rays along surfaces", 0, a.level, shadows(0, a.level), Some(0.0), error));
+    let error = exact("none: all surface near lies in one plane; but for dust that clipping leaves out");
+    entries.push(entry("visibility rays along planes", 0, a.level, shadows(0, a.level), Some(0.0), error));
 
     if a.bands.0 < 3 {
         let seconds = PRODUCT.get(a.bands.0 - 1).map(|share| a.bands.1 * (1.0 / share - 1.0));

@@ -7,7 +7,7 @@
 //! | shadow rays to lamps behind, to black skies | the formulas of the lamps | nothing |
 //! | shadow rays to lamps that reach nothing | [`crate::light::Census`] | bounded by the rays cast |
 //! | sky rays of points that see no sky, or only sky | [`Sky`]: the rows of the patches around | bounded by those rays |
-//! | visibility rays along surfaces | [`crate::reconstruct::Level`] | nothing |
+//! | visibility rays along planes | [`crate::reconstruct::Level`] | nothing |
 //! | equal channels | [`solve`] | nothing |
 //! | textures of one colour | [`plain`] | rounding |
 //! | what does not matter to the meshes that are wanted | [`Wanted`] | measured |

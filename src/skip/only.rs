@@ -85,10 +85,11 @@ fn known(scene: &Scene, name: &str) -> String {
     let mut names: Vec<&String> = scene.meshes.iter().collect();
     names.sort();
     names.dedup();
-    let lower = name.to_lowercase();
+    let plain = |s: &str| s.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect::<String>();
+    let name = plain(name);
     let like = |m: &&&String| {
-        let m = m.to_lowercase();
-        !m.is_empty() && !lower.is_empty() && (m.contains(&lower) || lower.contains(&m))
+        let m = plain(m);
+        !m.is_empty() && !name.is_empty() && (m.contains(&name) || name.contains(&m))
     };
     let near: Vec<&String> = names.iter().filter(like).copied().collect();
     let (text, of) = if near.is_empty() { ("there are", names) } else { ("like it are", near) };

@@ -102,16 +102,7 @@ pub fn estimate_plan(
 ) -> Estimate {
     let n = simplified.patches.len();
     let of = |marks: &[bool], i: u32| marks.get(i as usize).is_some_and(|&m| m);
-    let caster = Caster {
-        simplified,
-        tracer,
-        rows: PointSets::new(rays as usize, seed),
-        fewer: PointSets::new(rays.div_ceil(FEWER).max(LEAST) as usize, seed),
-        outer: plan.outer,
-        probes: PointSets::new(PROBE.min(rays as usize), seed ^ 0x70),
-        seed,
-        scratch: Mutex::default(),
-    };
+    let caster = Caster::new(simplified, tracer, plan.outer, rays, seed);
     let mut reached = plan.start.to_vec();
     let mut has_row = reached.clone();
     let (mut visible, mut outside) = (vec![true; n], vec![false; n]);
@@ -223,14 +214,7 @@ pub fn receive_again(
     rays: u32,
     seed: u64,
 ) -> Vec<f64> {
-    let caster = Caster {
-        simplified,
-        tracer,
-        rows: PointSets::new(rays as usize, seed),
-        probes: PointSets::new(PROBE.min(rays as usize), seed ^ 0x70),
-        seed,
-        scratch: Mutex::default(),
-    };
+    let caster = Caster::new(simplified, tracer, &[], rays, seed);
     patches
         .par_chunks(CHUNK)
         .flat_map_iter(|chunk| {
@@ -297,7 +281,26 @@ struct Scratch {
     tally: Tally,
 }
 
-impl Caster<'_> {
+impl<'a> Caster<'a> {
+    fn new(
+        simplified: &'a Simplified,
+        tracer: &'a dyn RayTracer,
+        outer: &'a [bool],
+        rays: u32,
+        seed: u64,
+    ) -> Caster<'a> {
+        Caster {
+            simplified,
+            tracer,
+            rows: PointSets::new(rays as usize, seed),
+            fewer: PointSets::new(rays.div_ceil(FEWER).max(LEAST) as usize, seed),
+            probes: PointSets::new(PROBE.min(rays as usize), seed ^ 0x70),
+            outer,
+            seed,
+            scratch: Mutex::default(),
+        }
+    }
+
     fn is_outer(&self, patch: u32) -> bool {
         self.outer.get(patch as usize).is_some_and(|&outer| outer)
     }
