@@ -1,6 +1,9 @@
 //! Casting the rays: which patches are reached by light, and what each of them sees.
 
-use std::sync::Mutex;
+use std::sync::{
+    Mutex,
+    atomic::{AtomicBool, Ordering},
+};
 
 use rayon::prelude::*;
 
@@ -12,7 +15,7 @@ use super::{
 use crate::{
     progress::Progress,
     sampling,
-    simplify::{NO_PATCH, Simplified},
+    simplify::{NO_PATCH, Simplified, hit_map::NOTHING},
     trace::{Hit, RayBatch, RayTracer},
 };
 
@@ -69,6 +72,8 @@ pub fn estimate(
     };
     let mut reached: Vec<bool> = lit.iter().map(|&l| l || all).collect();
     let mut has_row = reached.clone();
+    // Several threads set marks, which is the same in any order.
+    let seen: Vec<AtomicBool> = (0..n).map(|_| AtomicBool::new(false)).collect();
     let mut visible = vec![true; n];
     let mut blocks: Vec<Block> = Vec::new();
     let mut wave: Vec<u32> = (0..n as u32).filter(|&i| reached[i as usize]).collect();
@@ -77,19 +82,12 @@ pub fn estimate(
     progress.begin("form factors", n as u64);
     loop {
         while !wave.is_empty() {
-            let new = caster.rows(&wave, progress);
+            // What reached patches see gets a row next; where all have one, nobody asks.
+            let new = caster.rows(&wave, &reached, has_row.contains(&false).then_some(&seen[..]), progress);
             cast += wave.len() as u64 * rays as u64;
-            // What reached patches see gets a row next.
-            let mut seen: Vec<u32> = Vec::new();
-            let mut see = |block: &Block, row: usize, has_row: &mut [bool]| {
-                let columns = block.entries(row).map(|e| e.0);
-                seen.extend(columns.filter(|&j| !std::mem::replace(&mut has_row[j as usize], true)));
-            };
             for block in new {
                 for (k, row) in block.rows.iter().enumerate() {
-                    if reached[row.patch as usize] {
-                        see(&block, k, &mut has_row);
-                    } else {
+                    if !reached[row.patch as usize] {
                         pending.push(Pending { patch: row.patch, block: blocks.len(), row: k, refused: 0 });
                     }
                 }
@@ -100,14 +98,18 @@ pub fn estimate(
                 cast += confirming;
                 for p in &accepted {
                     reached[p.patch as usize] = true;
-                    see(&blocks[p.block], p.row, &mut has_row);
+                    blocks[p.block].entries(p.row).for_each(|(j, _)| seen[j as usize].store(true, Ordering::Relaxed));
                 }
                 if accepted.is_empty() {
                     break;
                 }
             }
-            seen.sort_unstable();
-            wave = seen;
+            wave.clear();
+            for (i, seen) in (0..).zip(&seen) {
+                if seen.load(Ordering::Relaxed) && !std::mem::replace(&mut has_row[i as usize], true) {
+                    wave.push(i);
+                }
+            }
         }
         let unknown: Vec<u32> = (0..n as u32).filter(|&i| !has_row[i as usize]).collect();
         cast += unknown.len() as u64 * caster.probes.len as u64;
@@ -162,14 +164,23 @@ struct Scratch {
     emitter: Emitter,
     rays: RayBatch,
     hits: Vec<Hit>,
-    /// Patch of every hit.
+    /// Cell and patch of every hit.
+    cells: Vec<u32>,
     patches: Vec<u32>,
     /// Hits of every patch, of the sky and of the insides of objects.
     tally: Tally,
+    entries: Vec<(u32, u32)>,
 }
 
 impl Caster<'_> {
-    fn rows(&self, patches: &[u32], progress: &dyn Progress) -> Vec<Block> {
+    /// The rows of `patches`. Those that are reached mark in `seen` what they meet.
+    fn rows(
+        &self,
+        patches: &[u32],
+        reached: &[bool],
+        seen: Option<&[AtomicBool]>,
+        progress: &dyn Progress,
+    ) -> Vec<Block> {
         patches
             .par_chunks(CHUNK)
             .map(|chunk| {
@@ -177,10 +188,11 @@ impl Caster<'_> {
                 let mut block = Block::default();
                 for &i in chunk {
                     self.cast(i, &self.rows, 0, &mut s);
-                    self.count(i, &mut s, &mut block);
+                    self.count(i, &mut s, seen.filter(|_| reached[i as usize]), &mut block);
                 }
                 self.give_back(s);
                 progress.advance(chunk.len() as u64);
+                block.bytes.shrink_to_fit();
                 block
             })
             .collect()
@@ -260,27 +272,31 @@ impl Caster<'_> {
         (patch != NO_PATCH).then_some(patch)
     }
 
-    fn count(&self, i: u32, s: &mut Scratch, block: &mut Block) {
-        let Scratch { hits, patches, tally, .. } = s;
+    /// Counts the hits of patch `i` into a new row of `block`, and marks in `seen` which patches its rays met.
+    fn count(&self, i: u32, s: &mut Scratch, seen: Option<&[AtomicBool]>, block: &mut Block) {
+        let Scratch { hits, cells, patches, tally, entries, .. } = s;
         let n = self.simplified.patches.len() as u32;
-        let (escaped, hidden) = (n, n + 1);
-        // Looking all up before counting any lets the processor overlap the loads.
-        patches.clear();
-        patches.extend(hits.iter().map(|hit| {
-            let patch =
-                if hit.is_hit() { self.simplified.hit_map.patch(&self.simplified.fragments, hit) } else { escaped };
-            patch.min(hidden)
-        }));
-        patches.iter().for_each(|&j| tally.add(j));
-        let (escaped, hidden) = (tally.take(escaped), tally.take(hidden));
-        let mut row = block.row();
-        tally.drain(|j, count| row.add(j, count));
-        row.finish(Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
+        self.simplified.hit_map.patches(&self.simplified.fragments, hits, cells, patches);
+        // What is no patch comes behind the patches: n + (j - NOTHING).
+        patches.iter_mut().for_each(|j| *j = (*j).min(n.wrapping_add(j.wrapping_sub(NOTHING))));
+        tally.add(patches);
+        tally.drain(entries);
+        let (mut escaped, mut hidden) = (0, 0);
+        while let Some((_, count)) = entries.pop_if(|e| e.0 >= n + (NO_PATCH - NOTHING)) {
+            hidden = count;
+        }
+        while let Some((_, count)) = entries.pop_if(|e| e.0 >= n) {
+            escaped = count;
+        }
+        block.push(entries, Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
+        if let Some(seen) = seen {
+            entries.iter().for_each(|e| seen[e.0 as usize].store(true, Ordering::Relaxed));
+        }
     }
 
     fn take(&self) -> Scratch {
         let kept = self.scratch.lock().expect("no thread panics with the lock").pop();
-        kept.unwrap_or_else(|| Scratch { tally: Tally::new(self.simplified.patches.len() + 2), ..Scratch::default() })
+        kept.unwrap_or_else(|| Scratch { tally: Tally::new(self.simplified.patches.len() + 3), ..Scratch::default() })
     }
 
     fn give_back(&self, s: Scratch) {
