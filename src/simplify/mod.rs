@@ -10,6 +10,7 @@ mod patches;
 mod size;
 mod straddle;
 mod surfels;
+mod weld;
 
 pub use clip::{Fragments, NO_PATCH, clip};
 pub use faces::faces;
