@@ -1,7 +1,7 @@
 # make demo    build, bake the Cornell box, say where the pictures are
 # make test    the tests of the default build
 # make ci      everything that must hold before a change goes in
-# make bench   form-factor rays a second, against the ray tracer alone
+# make bench   speed: form-factor rays against the ray tracer alone, two threads against one, growth with patches
 #
 # Each target first looks for what it needs and installs what is missing, where it may (see .ci/need).
 

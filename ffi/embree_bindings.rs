@@ -122,6 +122,9 @@ unsafe extern "C" {
     pub fn luxel_embree_occluded(tracer: *const LuxelEmbree, rays: *const LuxelRays, width: u32, occluded: *mut u8);
 }
 unsafe extern "C" {
+    pub fn luxel_embree_bare(tracer: *const LuxelEmbree, rays: *const LuxelRays, width: u32) -> u32;
+}
+unsafe extern "C" {
     pub fn luxel_embree_layout(out: *mut LuxelEmbreeLayout);
 }
 unsafe extern "C" {

@@ -6,9 +6,10 @@
 
 /* Fills lanes 0..n of the packet; the rest of a tail is masked off, with an empty interval besides. */
 static inline void NAME(load_)(const LuxelEmbree *tracer, const LuxelRays *rays, size_t first, size_t n,
-                               struct RAYS *packet, int *valid, float *to_caller) {
+                               struct RAYS *restrict packet, int *restrict valid, float *restrict to_caller) {
     if (n < WIDTH) {
         memset(packet, 0, sizeof *packet);
+        memset(to_caller, 0, WIDTH * sizeof *to_caller);
         for (size_t i = 0; i < WIDTH; i++) {
             valid[i] = 0;
             packet->tnear[i] = INFINITY;
@@ -36,11 +37,36 @@ static inline void NAME(load_)(const LuxelEmbree *tracer, const LuxelRays *rays,
     }
 }
 
-static void NAME(closest_hits_)(const LuxelEmbree *tracer, const LuxelRays *rays, LuxelHit *hits) {
+/* The results of the first n lanes. Free of branches, and apart from the interleaving, so that both vectorise. A lane
+   that was masked off keeps the preset id. */
+static inline void NAME(store_)(const struct RAYHITS *restrict packet, const float *restrict to_caller, size_t n,
+                                LuxelHit *hits) {
+    _Alignas(64) float t[WIDTH], u[WIDTH], v[WIDTH], face[WIDTH];
+    for (size_t i = 0; i < WIDTH; i++) {
+        float side = packet->hit.Ng_x[i] * packet->ray.dir_x[i] + packet->hit.Ng_y[i] * packet->ray.dir_y[i] +
+                     packet->hit.Ng_z[i] * packet->ray.dir_z[i];
+        uint32_t hit = packet->hit.geomID[i] == RTC_INVALID_GEOMETRY_ID ? 0 : UINT32_MAX;
+        t[i] = from_bits((bits(packet->ray.tfar[i] * to_caller[i]) & hit) | (bits(INFINITY) & ~hit));
+        u[i] = from_bits(bits(packet->hit.u[i]) & hit);
+        v[i] = from_bits(bits(packet->hit.v[i]) & hit);
+        face[i] = from_bits(face_of(packet->hit.primID[i], side) | ~hit);
+    }
+    float out[WIDTH][4];
+    for (size_t i = 0; i < WIDTH; i++) {
+        out[i][0] = t[i];
+        out[i][1] = u[i];
+        out[i][2] = v[i];
+        out[i][3] = face[i];
+    }
+    memcpy(hits, out, n * sizeof *hits);
+}
+
+WIDEST static void NAME(closest_hits_)(const LuxelEmbree *tracer, const LuxelRays *rays, LuxelHit *hits) {
     ClosestFlags flags = closest_flags(rays->coherent);
     _Alignas(64) struct RAYHITS packet;
     _Alignas(64) int valid[WIDTH];
-    float to_caller[WIDTH];
+    _Alignas(64) float to_caller[WIDTH];
+    memset(&packet.hit, 0, sizeof packet.hit);
     for (size_t first = 0; first < rays->count; first += WIDTH) {
         size_t n = rays->count - first < WIDTH ? rays->count - first : WIDTH;
         if (n == WIDTH)
@@ -52,27 +78,18 @@ static void NAME(closest_hits_)(const LuxelEmbree *tracer, const LuxelRays *rays
             packet.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
         }
         INTERSECT(WIDTH, valid, tracer->scene, &flags, &packet);
-        for (size_t i = 0; i < n; i++) {
-            /* A lane that was masked off keeps the preset id. */
-            if (packet.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) {
-                hits[first + i] = no_hit();
-                continue;
-            }
-            float side = packet.hit.Ng_x[i] * packet.ray.dir_x[i] + packet.hit.Ng_y[i] * packet.ray.dir_y[i] +
-                         packet.hit.Ng_z[i] * packet.ray.dir_z[i];
-            hits[first + i] = (LuxelHit){.t = packet.ray.tfar[i] * to_caller[i],
-                                         .u = packet.hit.u[i],
-                                         .v = packet.hit.v[i],
-                                         .face = face_of(packet.hit.primID[i], side)};
-        }
+        if (n == WIDTH)
+            NAME(store_)(&packet, to_caller, WIDTH, hits + first);
+        else
+            NAME(store_)(&packet, to_caller, n, hits + first);
     }
 }
 
-static void NAME(occluded_)(const LuxelEmbree *tracer, const LuxelRays *rays, uint8_t *occluded) {
+WIDEST static void NAME(occluded_)(const LuxelEmbree *tracer, const LuxelRays *rays, uint8_t *occluded) {
     OccludedFlags flags = occluded_flags(rays->coherent);
     _Alignas(64) struct RAYS packet;
     _Alignas(64) int valid[WIDTH];
-    float to_caller[WIDTH];
+    _Alignas(64) float to_caller[WIDTH];
     for (size_t first = 0; first < rays->count; first += WIDTH) {
         size_t n = rays->count - first < WIDTH ? rays->count - first : WIDTH;
         if (n == WIDTH)
@@ -84,6 +101,37 @@ static void NAME(occluded_)(const LuxelEmbree *tracer, const LuxelRays *rays, ui
         for (size_t i = 0; i < n; i++)
             occluded[first + i] = valid[i] && packet.tfar[i] < 0.0f;
     }
+}
+
+WIDEST static uint32_t NAME(bare_)(const LuxelEmbree *tracer, const LuxelRays *rays) {
+    ClosestFlags flags = closest_flags(rays->coherent);
+    _Alignas(64) struct RAYHITS packet;
+    _Alignas(64) int valid[WIDTH];
+    memset(&packet, 0, sizeof packet);
+    for (size_t i = 0; i < WIDTH; i++) {
+        valid[i] = -1;
+        packet.ray.mask[i] = UINT32_MAX;
+    }
+    uint32_t sums[WIDTH] = {0}, sum = 0;
+    for (size_t first = 0; first + WIDTH <= rays->count; first += WIDTH) {
+        for (size_t i = 0; i < WIDTH; i++) {
+            packet.ray.org_x[i] = rays->origin_x[first + i] * tracer->scale;
+            packet.ray.org_y[i] = rays->origin_y[first + i] * tracer->scale;
+            packet.ray.org_z[i] = rays->origin_z[first + i] * tracer->scale;
+            packet.ray.dir_x[i] = rays->direction_x[first + i];
+            packet.ray.dir_y[i] = rays->direction_y[first + i];
+            packet.ray.dir_z[i] = rays->direction_z[first + i];
+            packet.ray.tfar[i] = INFINITY;
+            packet.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+            packet.hit.primID[i] = 0;
+        }
+        INTERSECT(WIDTH, valid, tracer->scene, &flags, &packet);
+        for (size_t i = 0; i < WIDTH; i++)
+            sums[i] += packet.hit.primID[i];
+    }
+    for (size_t i = 0; i < WIDTH; i++)
+        sum += sums[i];
+    return sum;
 }
 
 static bool NAME(guards_survive_)(const LuxelEmbree *tracer) {

@@ -370,6 +370,15 @@ static bool guards_intact(const unsigned char *block, size_t size) {
 
 /* ---- packets ---- */
 
+/* Packets are written by vectors as wide as those that Embree reads them with: a read that spans several younger
+   writes waits for all of them to reach the cache. Compiled for several processors, chosen when the library is
+   loaded; contraction is off, so that all compute the same bits. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__)
+#define WIDEST __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define WIDEST
+#endif
+
 #define WIDTH 4
 #include "embree_packet.h"
 #undef WIDTH
@@ -414,6 +423,40 @@ void luxel_embree_occluded(const LuxelEmbree *tracer, const LuxelRays *rays, uin
         occluded_1(tracer, rays, occluded);
     }
     restore_mode(mode);
+}
+
+/* ---- what there is to gain ---- */
+
+static uint32_t bare_1(const LuxelEmbree *tracer, const LuxelRays *rays) {
+    ClosestFlags flags = closest_flags(rays->coherent);
+    uint32_t sum = 0;
+    for (size_t i = 0; i < rays->count; i++) {
+        struct RTCRayHit packet;
+        packet.ray = (struct RTCRay){.org_x = rays->origin_x[i] * tracer->scale,
+                                     .org_y = rays->origin_y[i] * tracer->scale,
+                                     .org_z = rays->origin_z[i] * tracer->scale,
+                                     .dir_x = rays->direction_x[i],
+                                     .dir_y = rays->direction_y[i],
+                                     .dir_z = rays->direction_z[i],
+                                     .tfar = INFINITY,
+                                     .mask = UINT32_MAX};
+        packet.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+        packet.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+        packet.hit.primID = 0;
+        INTERSECT1(tracer->scene, &flags, &packet);
+        sum += packet.hit.primID;
+    }
+    return sum;
+}
+
+uint32_t luxel_embree_bare(const LuxelEmbree *tracer, const LuxelRays *rays, uint32_t width) {
+    unsigned mode = flush_denormals();
+    uint32_t sum = width == 4    ? bare_4(tracer, rays)
+                   : width == 8  ? bare_8(tracer, rays)
+                   : width == 16 ? bare_16(tracer, rays)
+                                 : bare_1(tracer, rays);
+    restore_mode(mode);
+    return sum;
 }
 
 /* ---- self-test ---- */

@@ -56,6 +56,10 @@ void luxel_embree_closest_hits(const LuxelEmbree *tracer, const LuxelRays *rays,
 /* As above; writes 1 where anything lies on the ray, else 0. */
 void luxel_embree_occluded(const LuxelEmbree *tracer, const LuxelRays *rays, uint32_t width, uint8_t *occluded);
 
+/* What rtcIntersect costs by itself, for benches: the same packets and flag, unit directions and unlimited distances,
+   no ray looked at, nothing written. Returns the triangle ids of all hits, added up. */
+uint32_t luxel_embree_bare(const LuxelEmbree *tracer, const LuxelRays *rays, uint32_t width);
+
 void luxel_embree_layout(LuxelEmbreeLayout *out);
 
 /* Self-test: traces one packet with guard bytes before and behind its ray and hit structs;

@@ -51,11 +51,6 @@ pub fn frame(n: Vec3) -> (Vec3, Vec3) {
 
 /// Uniform square to uniform barycentric weights (second, third vertex) of a triangle (Heitz 2019).
 pub fn triangle(u: f32, v: f32) -> (f32, f32) {
-    if v > u {
-        let a = 0.5 * u;
-        (a, v - a)
-    } else {
-        let b = 0.5 * v;
-        (u - b, b)
-    }
+    let half = 0.5 * u.min(v);
+    (u - half, v - half)
 }

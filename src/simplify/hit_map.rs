@@ -14,33 +14,57 @@ use crate::trace::{Geometry, Hit};
 /// fragment, so that a lookup is a multiplication and a few loads. A row of cells covers what the triangle covers, so
 /// the table is no larger than the list of fragments even where triangles are long and thin.
 pub struct HitMap {
+    /// One more than there are triangles: the last stands for a miss.
     triangles: Vec<Cells>,
     rows: Vec<Row>,
-    /// Patches of the front and of the back, or [[`LIST`], position in lists] where several fragments share the cell.
-    cells: Vec<[u32; 2]>,
+    /// Patches of the front and of the back of each cell, or in both [`LIST`] + a position in the lists where several
+    /// fragments share it. Two tables, since few scenes are seen from both sides.
+    cells: [Vec<u32>; 2],
     /// Runs of: number of fragments, fragments; and where these are two, the bits of the line that parts them.
     lists: Vec<u32>,
 }
 
-/// No patch has this number; nor is it [`super::NO_PATCH`].
-const LIST: u32 = u32::MAX - 1;
+/// Patches have numbers below this. Entries of a cell from here to [`NOTHING`] are positions in the lists.
+const LIST: u32 = 1 << 31;
 
-/// Where a triangle's cells are: cell (x, y) = floor(base + u * du + v * dv), clamped to the table.
+/// What [`HitMap::patches`] tells of rays that met nothing; no patch has this number.
+pub const NOTHING: u32 = u32::MAX - 2;
+
+/// Where a triangle's cells are: cell (x, y) = round(base + u * du + v * dv), clamped to the table.
+///
+/// Numbers of rows and columns are kept as floats, so that a clamped place becomes an index by adding [`WHOLE`].
 #[derive(Clone, Copy, Debug, Default)]
 struct Cells {
+    /// Half a cell less than the place itself, so that rounding takes the whole part.
     base: Vec2,
     du: Vec2,
     dv: Vec2,
     first_row: u32,
-    last_row: u32,
+    last_row: f32,
 }
 
 /// The cells x0 ..= x0 + last of one y.
 #[derive(Clone, Copy, Debug, Default)]
 struct Row {
     first: u32,
-    x0: u16,
-    last: u16,
+    x0: f32,
+    last: f32,
+}
+
+/// 2^23: a float above it has no fraction, and its lowest bits are the whole number.
+const WHOLE: f32 = 8_388_608.0;
+
+/// `x` in [0, last], rounded; 0 for what is no number.
+#[inline(always)]
+fn clamped(x: f32, last: f32) -> u32 {
+    let x = if x > 0.0 { x } else { 0.0 };
+    let x = if x < last { x } else { last };
+    (x + WHOLE).to_bits() - WHOLE.to_bits()
+}
+
+#[inline(always)]
+fn is_list(entry: u32) -> bool {
+    (LIST..NOTHING).contains(&entry)
 }
 
 impl HitMap {
@@ -65,36 +89,72 @@ impl HitMap {
             })
             .collect();
         let mut map = HitMap {
-            triangles: Vec::with_capacity(geometry.triangles.len()),
+            triangles: Vec::with_capacity(geometry.triangles.len() + 1),
             rows: Vec::new(),
-            cells: Vec::with_capacity(fragments.len()),
+            cells: [0; 2].map(|_| Vec::with_capacity(fragments.len() + 1)),
             lists: Vec::new(),
         };
         for chunk in chunks {
-            let (rows, cells, lists) = (map.rows.len() as u32, map.cells.len() as u32, map.lists.len() as u32);
+            let (rows, cells, lists) = (map.rows.len() as u32, map.cells[0].len() as u32, map.lists.len() as u32);
             map.triangles.extend(chunk.triangles.iter().map(|c| Cells { first_row: c.first_row + rows, ..*c }));
             map.rows.extend(chunk.rows.iter().map(|r| Row { first: r.first + cells, ..*r }));
-            map.cells.extend(chunk.cells.iter().map(|&[c, at]| [c, if c == LIST { at + lists } else { at }]));
+            for (side, cells) in map.cells.iter_mut().enumerate() {
+                cells.extend(chunk.cells.iter().map(|c| if is_list(c[side]) { c[side] + lists } else { c[side] }));
+            }
             map.lists.extend(chunk.lists);
         }
+        map.triangles.push(Cells { first_row: map.rows.len() as u32, ..Cells::default() });
+        map.rows.push(Row { first: map.cells[0].len() as u32, x0: 0.0, last: 0.0 });
+        map.cells.iter_mut().for_each(|cells| cells.push(NOTHING));
         map
     }
 
     /// The patch at a hit, [`super::NO_PATCH`] inside objects; `fragments` are those that the table was made of.
     #[inline]
     pub fn patch(&self, fragments: &Fragments, hit: &Hit) -> u32 {
-        let c = &self.triangles[hit.triangle()];
-        let at = c.base + hit.u * c.du + hit.v * c.dv;
-        // Casts saturate, below zero too.
-        let y = (at.y as i32).clamp(0, c.last_row as i32) as u32;
-        let row = self.rows[(c.first_row + y) as usize];
-        let x = (at.x as i32 - row.x0 as i32).clamp(0, row.last as i32) as u32;
-        let cell = self.cells[(row.first + x) as usize];
-        let side = hit.is_back() as usize;
-        if cell[0] != LIST {
-            return cell[side];
+        let entry = self.cells[hit.is_back() as usize][self.cell(hit)];
+        if is_list(entry) { self.listed(fragments, entry, hit) } else { entry }
+    }
+
+    /// The patch at every hit, [`super::NO_PATCH`] inside objects, [`NOTHING`] where nothing was met. `cells` is
+    /// working memory.
+    ///
+    /// Each step is taken for all hits before the next, and cells of several fragments come last: so that the loads of
+    /// many hits overlap, and none waits for a branch that was foretold wrongly.
+    pub fn patches(&self, fragments: &Fragments, hits: &[Hit], cells: &mut Vec<u32>, patches: &mut Vec<u32>) {
+        cells.clear();
+        cells.extend(hits.iter().map(|hit| self.cell(hit) as u32));
+        patches.clear();
+        let [front, back] = &self.cells;
+        let mut several = 0;
+        patches.extend(cells.iter().zip(hits).map(|(&cell, hit)| {
+            let entry = if hit.is_back() { back } else { front }[cell as usize];
+            several |= is_list(entry) as u32;
+            entry
+        }));
+        if several > 0 {
+            for (patch, hit) in patches.iter_mut().zip(hits) {
+                if is_list(*patch) {
+                    *patch = self.listed(fragments, *patch, hit);
+                }
+            }
         }
-        fragments.patch[self.search(fragments, cell[1] as usize, Vec2::new(hit.u, hit.v))][side]
+    }
+
+    /// Number of the cell at a hit; the last one if nothing was met.
+    #[inline(always)]
+    fn cell(&self, hit: &Hit) -> usize {
+        // The last triangle stands for none.
+        let c = &self.triangles[hit.triangle().min(self.triangles.len() - 1)];
+        let row = self.rows[(c.first_row + clamped(c.base.y + hit.u * c.du.y + hit.v * c.dv.y, c.last_row)) as usize];
+        let x = clamped(c.base.x + hit.u * c.du.x + hit.v * c.dv.x - row.x0, row.last);
+        (row.first + x) as usize
+    }
+
+    #[inline]
+    fn listed(&self, fragments: &Fragments, entry: u32, hit: &Hit) -> u32 {
+        let fragment = self.search(fragments, (entry - LIST) as usize, Vec2::new(hit.u, hit.v));
+        fragments.patch[fragment][hit.is_back() as usize]
     }
 
     /// Of the fragments in a list, the one that holds `p` best.
@@ -128,7 +188,7 @@ impl Chunk {
     fn add(&mut self, geometry: &Geometry, fragments: &Fragments, grid: &Grid, t: usize, own: std::ops::Range<u32>) {
         let first_row = self.rows.len() as u32;
         if own.len() == 1 {
-            self.rows.push(Row { first: self.cells.len() as u32, x0: 0, last: 0 });
+            self.rows.push(Row { first: self.cells.len() as u32, x0: 0.0, last: 0.0 });
             self.cells.push(fragments.patch[own.start as usize]);
             return self.triangles.push(Cells { first_row, ..Cells::default() });
         }
@@ -165,15 +225,15 @@ impl Chunk {
                 // Cells without one share the cell after them.
                 self.cells.resize(first as usize + (cell[0].0.1 - x0) as usize + 1, entry);
             }
-            let row = Row { first, x0, last: (self.cells.len() as u32 - first - 1) as u16 };
+            let row = Row { first, x0: x0 as f32, last: (self.cells.len() as u32 - first - 1) as f32 };
             self.rows.resize((first_row + y) as usize + 1, row);
         }
         self.triangles.push(Cells {
-            base: base.as_vec2(),
+            base: (base - 0.5).as_vec2(),
             du: (flat[1] - flat[0]).as_vec2(),
             dv: (flat[2] - flat[0]).as_vec2(),
             first_row,
-            last_row: last_row as u32,
+            last_row: last_row as f32,
         });
     }
 
@@ -182,7 +242,7 @@ impl Chunk {
         if let [only] = own {
             return fragments.patch[only.1 as usize];
         }
-        let entry = [LIST, self.lists.len() as u32];
+        let entry = [LIST + self.lists.len() as u32; 2];
         self.lists.push(own.len() as u32);
         self.lists.extend(own.iter().map(|o| o.1));
         if let [a, b] = own {

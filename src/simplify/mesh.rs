@@ -10,6 +10,7 @@ use super::{
     clip::{point_at, uv_centroid},
     normal_of,
     surfels::UNLIKE,
+    weld::{BuildFast, weld},
 };
 use crate::{
     Scene,
@@ -49,8 +50,6 @@ struct Corner {
     inside: Vec3,
 }
 
-/// Positions nearer than this are equal; local units, a few ulp.
-const WELD: f32 = 5e-7;
 /// Share of the way to the fragment's centre that sample points are moved.
 const NUDGE: f32 = 0.02;
 
@@ -68,7 +67,7 @@ pub fn split_mesh(
         .par_chunks(1024)
         .flat_map_iter(|chunk| chunk.iter().flat_map(|&(f, side)| fragment_corners(scene, fragments, f, side)))
         .collect();
-    let (shared, count) = weld(&corners);
+    let (shared, count) = weld(&corners, |c| (c.position, c.normal));
     let vertex_of = separate(&corners, shared, count, voxel_size, scene, tracer);
 
     let mut mesh = SplitMesh::default();
@@ -138,38 +137,6 @@ fn fragment_corners(scene: &Scene, fragments: &Fragments, f: usize, side: usize)
     corners
 }
 
-/// Gives corners of equal position and normal the same number.
-fn weld(corners: &[Corner]) -> (Vec<u32>, usize) {
-    const CELL: f32 = 1e-4;
-    let cell = |p: Vec3| (p / CELL).floor().as_ivec3();
-    let mut cells: HashMap<glam::IVec3, Vec<u32>, BuildFast> = HashMap::default();
-    let mut representatives: Vec<u32> = Vec::new();
-    let shared = corners
-        .iter()
-        .enumerate()
-        .map(|(i, corner)| {
-            let equal = |&r: &u32| {
-                let other = &corners[representatives[r as usize] as usize];
-                (other.position - corner.position).abs().max_element() <= WELD
-                    && other.normal.dot(corner.normal) > 0.99999
-            };
-            // Equal positions may lie in neighbouring cells only within WELD of their border.
-            let (low, high) = (cell(corner.position - WELD), cell(corner.position + WELD));
-            let near = (low.x..=high.x).flat_map(|x| {
-                (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| glam::IVec3::new(x, y, z)))
-            });
-            if let Some(r) = near.filter_map(|c| cells.get(&c)).flatten().copied().find(equal) {
-                return r;
-            }
-            representatives.push(i as u32);
-            let r = representatives.len() as u32 - 1;
-            cells.entry(cell(corner.position)).or_default().push(r);
-            r
-        })
-        .collect();
-    (shared, representatives.len())
-}
-
 /// Splits vertices whose corners do not see each other; returns the final vertex of every corner.
 fn separate(
     corners: &[Corner],
@@ -206,12 +173,14 @@ fn separate(
     let mut next = count as u32;
     let mut open: Vec<u32> = (0..corners.len() as u32).collect();
     for _ in 0..3 {
-        let mut first: HashMap<u32, u32, BuildFast> = HashMap::default();
+        let mut first = vec![u32::MAX; next as usize];
         let (mut from, mut to) = (Vec::new(), Vec::new());
         for &c in &open {
-            let leader = *first.entry(shared[c as usize]).or_insert(c);
-            if leader != c {
-                from.push(leader);
+            let leader = &mut first[shared[c as usize] as usize];
+            if *leader == u32::MAX {
+                *leader = c;
+            } else {
+                from.push(*leader);
                 to.push(c);
             }
         }
@@ -232,31 +201,4 @@ fn separate(
         }
     }
     shared
-}
-
-/// A fast hash for small integer keys (multiply and fold).
-#[derive(Clone, Copy, Default)]
-struct Fast(u64);
-
-type BuildFast = std::hash::BuildHasherDefault<Fast>;
-
-impl std::hash::Hasher for Fast {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        for &b in bytes {
-            self.write_u64(b as u64);
-        }
-    }
-    fn write_u32(&mut self, x: u32) {
-        self.write_u64(x as u64);
-    }
-    fn write_i32(&mut self, x: i32) {
-        self.write_u64(x as u32 as u64);
-    }
-    fn write_u64(&mut self, x: u64) {
-        let product = ((self.0 ^ x) as u128).wrapping_mul(0x9e37_79b9_7f4a_7c15_f39c_c060_5ced_c835);
-        self.0 = (product >> 64) as u64 ^ product as u64;
-    }
 }

@@ -15,6 +15,7 @@ mod size;
 mod straddle;
 mod surfels;
 mod triangles;
+mod weld;
 
 pub use clip::{Fragments, NO_PATCH, clip};
 pub use decimated::{Method, decimated};

@@ -1,27 +1,25 @@
 //! Ray queries by the compressed wide BVH of obvhs: pure Rust, one ray at a time.
 //!
-//! obvhs gives the tree and its box test; the triangle test is the edge test of Embree's robust mode, so that both
-//! backends agree on which side of a shared edge a ray passes.
+//! obvhs gives the tree; the triangle test is the edge test of Embree's robust mode, so that both backends agree on which
+//! side of a shared edge a ray passes.
 
 use glam::{UVec2, Vec3, Vec3A};
 use obvhs::{
     Boundable, BvhBuildParams,
     aabb::Aabb,
     bvh2::reinsertion::ReinsertionOptimizer,
-    cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh},
+    cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode},
     ploc::PlocBuilder,
-    ray::Ray,
     traverse,
 };
+
+use multiversion::multiversion;
 
 use super::{Geometry, Hit, RayBatch, RayTracer};
 use crate::{Error, Result};
 
 /// obvhs walks the tree with a stack of 32 entries, and needs at most one a level.
 const DEEPEST: usize = 31;
-
-/// The box test of obvhs drops boxes nearer than 1e-4; distances are stretched by this so that nothing is.
-const STRETCH: f32 = (1u64 << 40) as f32;
 
 /// A direction's component below 1 / this, relative to the largest one, counts as this slow in the box test.
 const STEEPEST: f32 = (1u64 << 40) as f32;
@@ -85,6 +83,7 @@ impl Bvh {
     }
 
     /// The nearest hit, or with `any` whichever is found first.
+    #[inline(always)]
     fn trace(&self, rays: &RayBatch, i: usize, any: bool) -> Hit {
         let mut hit = Hit::NONE;
         let (t_min, mut t_max) = (rays.t_min[i], rays.t_max[i]);
@@ -92,30 +91,24 @@ impl Bvh {
         if self.tree.nodes.is_empty() {
             return hit;
         }
-        let to_box = STRETCH / ray.to_caller;
         // Farther than the hit by more than rounding, so that equal distances are still looked at.
-        let far = |t: f32| t * to_box * (1.0 + 4.0 * f32::EPSILON);
-        let mut box_ray = Ray {
-            origin: ray.origin,
-            direction: ray.direction,
-            inv_direction: Vec3A::from_array(ray.direction.to_array().map(inverse)),
-            tmin: 0.0,
-            tmax: far(t_max),
-        };
+        let far = |t: f32| t / ray.to_caller * (1.0 + 4.0 * f32::EPSILON);
+        let inverse = Vec3A::from_array(ray.direction.to_array().map(inverse));
+        let mut farthest = far(t_max);
         let mut state = self.tree.new_traversal(ray.direction);
         let mut node;
-        traverse!(self.tree, node, state, node.intersect_ray(&box_ray, state.oct_inv4), {
-            let id = self.tree.primitive_indices[state.primitive_id as usize];
+        traverse!(self.tree, node, state, boxes(node, &ray, inverse, farthest, state.oct_inv4), {
             if let Some((t, u, v, back)) = ray.meets(&self.triangles[state.primitive_id as usize])
                 && t > t_min
                 && t < t_max
             {
+                let id = self.tree.primitive_indices[state.primitive_id as usize];
                 hit = Hit { t, u, v, face: id << 1 | back as u32 };
                 if any {
                     return hit;
                 }
                 t_max = t;
-                box_ray.tmax = far(t);
+                farthest = far(t);
             }
         });
         hit
@@ -129,6 +122,7 @@ impl Scaled {
     /// opposite value, so no ray slips between them; in double precision, because in single precision some still
     /// slip through where several triangles meet in a vertex.
     /// Source: `triangle_intersector_pluecker.h` of Embree.
+    #[inline(always)]
     fn meets(&self, triangle: &[Vec3; 3]) -> Option<(f32, f32, f32, bool)> {
         let d = self.direction.as_dvec3();
         let [a, b, c] = triangle.map(|p| p.as_dvec3() - self.origin.as_dvec3());
@@ -153,11 +147,50 @@ impl Scaled {
 /// Finite even for zero: a slab that the ray does not cross is then entered and left very far away.
 fn inverse(d: f32) -> f32 {
     if d.abs() * STEEPEST >= 1.0 {
-        STRETCH / d
+        1.0 / d
     } else if d < 0.0 {
-        -STRETCH * STEEPEST
+        -STEEPEST
     } else {
-        STRETCH * STEEPEST
+        STEEPEST
+    }
+}
+
+/// Which children of a node the ray meets before `farthest`, as bits for `traverse!`. All eight at once, without a
+/// branch; the arithmetic is that of [`CwBvhNode::intersect_ray`], but for boxes that the ray starts in or at.
+#[inline(always)]
+fn boxes(node: &CwBvhNode, ray: &Scaled, inverse: Vec3A, farthest: f32, oct_inv4: u32) -> u32 {
+    let scale = node.compute_extent() * inverse;
+    let shift = (Vec3A::from(node.p) - ray.origin) * inverse;
+    let (bits, places) = node.get_child_and_index_bits(oct_inv4);
+    let (bits, places) = (bits.to_le_bytes(), places.to_le_bytes());
+    let order = |down, low, high| if down { (high, low) } else { (low, high) };
+    let (near_x, far_x) = order(ray.direction.x < 0.0, &node.child_min_x, &node.child_max_x);
+    let (near_y, far_y) = order(ray.direction.y < 0.0, &node.child_min_y, &node.child_max_y);
+    let (near_z, far_z) = order(ray.direction.z < 0.0, &node.child_min_z, &node.child_max_z);
+    let larger = |a: f32, b: f32| if a > b { a } else { b };
+    let smaller = |a: f32, b: f32| if a < b { a } else { b };
+    let mut mask = 0;
+    for k in 0..8 {
+        let near = larger(near_x[k] as f32 * scale.x + shift.x, near_y[k] as f32 * scale.y + shift.y);
+        let near = larger(near, larger(near_z[k] as f32 * scale.z + shift.z, 0.0));
+        let far = smaller(far_x[k] as f32 * scale.x + shift.x, far_y[k] as f32 * scale.y + shift.y);
+        let far = smaller(far, smaller(far_z[k] as f32 * scale.z + shift.z, farthest));
+        mask |= if near <= far { (bits[k] as u32) << (places[k] & 31) } else { 0 };
+    }
+    mask
+}
+
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn closest_hits(bvh: &Bvh, rays: &RayBatch, hits: &mut [Hit]) {
+    for (i, hit) in hits.iter_mut().enumerate() {
+        *hit = bvh.trace(rays, i, false);
+    }
+}
+
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+lzcnt+popcnt"))]
+fn occluded(bvh: &Bvh, rays: &RayBatch, occluded: &mut [bool]) {
+    for (i, occluded) in occluded.iter_mut().enumerate() {
+        *occluded = bvh.trace(rays, i, true).is_hit();
     }
 }
 
@@ -215,14 +248,10 @@ impl RayTracer for Bvh {
     }
 
     fn closest_hits(&self, rays: &RayBatch, hits: &mut [Hit]) {
-        for (i, hit) in hits.iter_mut().enumerate() {
-            *hit = self.trace(rays, i, false);
-        }
+        closest_hits(self, rays, hits);
     }
 
     fn occluded(&self, rays: &RayBatch, occluded: &mut [bool]) {
-        for (i, o) in occluded.iter_mut().enumerate() {
-            *o = self.trace(rays, i, true).is_hit();
-        }
+        self::occluded(self, rays, occluded);
     }
 }

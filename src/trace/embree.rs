@@ -101,6 +101,14 @@ impl Embree {
         unsafe { ffi::luxel_embree_guards_survive(self.handle.as_ptr(), width) }
     }
 
+    /// What the bare library takes, for benches: traces the whole packets of `rays`, whose directions are unit vectors
+    /// and whose limits are not looked at, and tells the ids of the triangles met, added up (modulo 2^32).
+    pub fn bare(&self, rays: &RayBatch) -> u32 {
+        let view = Self::view(rays, rays.len(), rays.coherent && self.triangles <= COHERENT_CLOSEST);
+        // SAFETY: `view` checked that every array has `count` elements.
+        unsafe { ffi::luxel_embree_bare(self.handle.as_ptr(), &view, self.width) }
+    }
+
     /// The batch as the shim sees it, borrowed for the call.
     fn view(rays: &RayBatch, results: usize, coherent: bool) -> ffi::LuxelRays {
         let n = rays.len();

@@ -129,6 +129,16 @@ impl RayBatch {
         Vec3::new(self.direction_x[i], self.direction_y[i], self.direction_z[i])
     }
 
+    /// x, y and z of the origins.
+    pub fn origins_mut(&mut self) -> [&mut [f32]; 3] {
+        [&mut self.origin_x, &mut self.origin_y, &mut self.origin_z]
+    }
+
+    /// x, y and z of the directions.
+    pub fn directions_mut(&mut self) -> [&mut [f32]; 3] {
+        [&mut self.direction_x, &mut self.direction_y, &mut self.direction_z]
+    }
+
     fn arrays_mut(&mut self) -> [&mut Vec<f32>; 8] {
         [
             &mut self.origin_x,

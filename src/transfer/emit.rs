@@ -3,7 +3,10 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::PointSets;
+use super::{
+    PointSets,
+    lanes::{self, Part},
+};
 use crate::{
     sampling,
     scene::RAY_OFFSET,
@@ -12,47 +15,41 @@ use crate::{
     trace::RayBatch,
 };
 
-/// A triangle or parallelogram that points are drawn from.
-#[derive(Clone, Copy)]
-struct Primitive {
-    corner: Vec3,
-    edge_u: Vec3,
-    edge_v: Vec3,
-    normal: Vec3,
-    parallelogram: bool,
-    /// Share of the patch's area up to and with this one.
-    end: f32,
-}
-
-impl Primitive {
-    fn point(&self, a: f32, b: f32) -> Vec3 {
-        let (u, v) = if self.parallelogram { (a, b) } else { sampling::triangle(a, b) };
-        self.corner + self.edge_u * u + self.edge_v * v
-    }
-}
+/// Up to so many parts, each goes through all rays and takes its own; beyond, each ray looks for its part.
+const FEW: usize = 12;
 
 /// Draws points and rays from patches, uniformly by area; keeps its memory from patch to patch.
 #[derive(Default)]
 pub struct Emitter {
-    primitives: Vec<Primitive>,
+    /// Triangles and parallelograms that make up the patch, and their normals.
+    parts: Vec<Part>,
+    normals: Vec<Vec3>,
+    /// The part in which each of equal shares of the area begins; a power of two.
+    guide: Vec<u32>,
+    /// Frames of the parts' directions.
+    frames: Vec<[Vec3; 3]>,
 }
 
 impl Emitter {
     /// Turns to patch `i`.
     pub fn load(&mut self, simplified: &Simplified, i: usize) {
-        self.primitives.clear();
+        self.parts.clear();
+        self.normals.clear();
         let mut total = 0.0_f64;
         for &member in simplified.patches.members(i) {
             let (f, side) = ((member >> 1) as usize, member & 1);
             let triangle = simplified.corners(simplified.fragments.triangle[f] as usize);
-            let normal = if side == 1 { -normal_of(&triangle) } else { normal_of(&triangle) };
+            let normal = normal_of(&triangle);
+            let normal = if side == 1 { -normal } else { normal };
             let uv = simplified.fragments.uv(f);
             let corner = point_at(&triangle, uv[0]);
             let mut add = |p: Vec2, q: Vec2, parallelogram: bool| {
                 let (edge_u, edge_v) = (point_at(&triangle, p) - corner, point_at(&triangle, q) - corner);
                 let area = edge_u.as_dvec3().cross(edge_v.as_dvec3()).length();
                 total += if parallelogram { area } else { 0.5 * area };
-                self.primitives.push(Primitive { corner, edge_u, edge_v, normal, parallelogram, end: total as f32 });
+                let fold = if parallelogram { 0.0 } else { 0.5 };
+                self.parts.push(Part { begin: 0.0, end: total as f32, corner, edge_u, edge_v, fold });
+                self.normals.push(normal);
             };
             let scale = (uv[2] - uv[0]).abs().max_element();
             if uv.len() == 4 && (uv[0] + uv[2] - uv[1] - uv[3]).abs().max_element() < 1e-4 * scale {
@@ -62,127 +59,98 @@ impl Emitter {
             }
         }
         let total = (total as f32).max(f32::MIN_POSITIVE);
-        self.primitives.iter_mut().for_each(|p| p.end /= total);
-        if let Some(last) = self.primitives.last_mut() {
+        let mut begin = 0.0;
+        for part in &mut self.parts {
+            (part.begin, part.end) = (begin, part.end / total);
+            begin = part.end;
+        }
+        if let Some(last) = self.parts.last_mut() {
             last.end = 1.0;
+        }
+        self.guide.clear();
+        if self.parts.len() > FEW {
+            let shares = self.parts.len().next_power_of_two();
+            let mut first = 0;
+            self.guide.extend((0..shares).map(|k| {
+                while self.parts[first].end <= k as f32 / shares as f32 {
+                    first += 1;
+                }
+                first as u32
+            }));
         }
     }
 
-    /// The primitive that holds share `a` of the area, and the share within it.
-    fn select(&self, a: f32) -> (&Primitive, f32) {
-        let mut begin = 0.0;
-        for p in &self.primitives {
-            if a < p.end {
-                return (p, ((a - begin) / (p.end - begin)).min(BELOW_ONE));
-            }
-            begin = p.end;
+    /// The part that holds share `a` of the area, 0 <= a < 1.
+    #[inline]
+    fn select(&self, a: f32) -> usize {
+        let shares = self.guide.len() as f32;
+        let mut k = if self.guide.is_empty() { 0 } else { self.guide[(a * shares) as usize] as usize };
+        while self.parts[k].end <= a {
+            k += 1;
         }
-        (&self.primitives[self.primitives.len() - 1], BELOW_ONE)
+        k
     }
 
     /// A point of the patch for `a`, `b` in [0, 1).
     pub fn point(&self, a: f32, b: f32) -> SurfacePoint {
-        let (primitive, a) = self.select(a);
-        SurfacePoint { position: primitive.point(a, b), normal: primitive.normal }
+        let k = self.select(a);
+        SurfacePoint { position: self.parts[k].point(a, b), normal: self.normals[k] }
     }
 
     /// Fills `rays` with one ray for each point of a set, chosen by the bits of `random`. Directions are
     /// cosine-distributed about the normal of the surface at the origin.
-    pub fn rays(&self, sets: &PointSets, random: [u64; 2], rays: &mut RayBatch) {
+    pub fn rays(&mut self, sets: &PointSets, random: [u64; 2], rays: &mut RayBatch) {
         let set = sets.set(random[0]);
         let azimuth = (random[0] >> 40) as f32 * (std::f32::consts::TAU / (1 << 24) as f32);
-        let flip = [random[1] as u32, (random[1] >> 32) as u32];
-        rays.resize(sets.len);
+        let flip = random[1] as u32;
+        if rays.len() != sets.len {
+            rays.resize(sets.len);
+            rays.t_min.fill(0.0);
+            rays.t_max.fill(f32::INFINITY);
+        }
         rays.coherent = true;
-        rays.t_min.fill(0.0);
-        rays.t_max.fill(f32::INFINITY);
-        self.origins(sets, set.clone(), flip, rays);
-        if let [only] = &self.primitives[..] {
-            let axes = turned_frame(only.normal, azimuth);
-            turn(sets, set, axes, 0, rays);
-        } else {
-            self.turn_each(sets, set, flip, azimuth, rays);
-        }
-    }
-
-    fn origins(&self, sets: &PointSets, set: std::ops::Range<usize>, flip: [u32; 2], rays: &mut RayBatch) {
-        let (oa, ob) = (&sets.origin_a[set.clone()], &sets.origin_b[set]);
-        match &self.primitives[..] {
-            [p] if p.parallelogram => {
-                let base = p.corner + RAY_OFFSET * p.normal;
-                for axis in 0..3 {
-                    let out = match axis {
-                        0 => &mut rays.origin_x,
-                        1 => &mut rays.origin_y,
-                        _ => &mut rays.origin_z,
-                    };
-                    let (c, u, v) = (base[axis], p.edge_u[axis], p.edge_v[axis]);
-                    for ((o, &a), &b) in out.iter_mut().zip(oa).zip(ob) {
-                        *o = c + u * fraction(a ^ flip[0]) + v * fraction(b ^ flip[1]);
-                    }
-                }
-            }
-            _ => {
-                for i in 0..oa.len() {
-                    let (p, a) = self.select(fraction(oa[i] ^ flip[0]));
-                    let origin = p.point(a, fraction(ob[i] ^ flip[1])) + RAY_OFFSET * p.normal;
-                    rays.origin_x[i] = origin.x;
-                    rays.origin_y[i] = origin.y;
-                    rays.origin_z[i] = origin.z;
-                }
-            }
-        }
-    }
-
-    fn turn_each(
-        &self,
-        sets: &PointSets,
-        set: std::ops::Range<usize>,
-        flip: [u32; 2],
-        azimuth: f32,
-        rays: &mut RayBatch,
-    ) {
-        let flat = self.primitives.iter().all(|p| p.normal == self.primitives[0].normal);
+        let origins = &sets.origin[set.clone()];
+        let directions = [&sets.direction_x[set.clone()], &sets.direction_y[set.clone()], &sets.direction_z[set]];
+        let turn = azimuth.sin_cos();
+        let flat = self.normals.iter().all(|n| *n == self.normals[0]);
         if flat {
-            return turn(sets, set, turned_frame(self.primitives[0].normal, azimuth), 0, rays);
+            lanes::turn(rays.directions_mut(), directions, turned_frame(self.normals[0], turn));
+        } else {
+            self.frames.clear();
+            self.frames.extend(self.normals.iter().map(|&n| turned_frame(n, turn)));
         }
-        for (i, k) in set.enumerate() {
-            let (p, _) = self.select(fraction(sets.origin_a[k] ^ flip[0]));
-            turn(sets, k..k + 1, turned_frame(p.normal, azimuth), i, rays);
+        if self.parts.len() <= FEW {
+            for (k, part) in self.parts.iter().enumerate() {
+                let lifted = Part { corner: part.corner + RAY_OFFSET * self.normals[k], ..*part };
+                lanes::place(rays.origins_mut(), origins, flip, &lifted);
+                if !flat {
+                    lanes::turn_some(rays.directions_mut(), directions, self.frames[k], origins, flip, part);
+                }
+            }
+        } else {
+            self.scatter(origins, directions, flip, flat, rays);
+        }
+    }
+
+    /// Rays of a patch of many parts.
+    fn scatter(&self, origins: &[u32], [dx, dy, dz]: [&[f32]; 3], flip: u32, flat: bool, rays: &mut RayBatch) {
+        for (i, &origin) in origins.iter().enumerate() {
+            let (a, b) = lanes::fractions(origin ^ flip);
+            let k = self.select(a);
+            let origin = self.parts[k].point(a, b) + RAY_OFFSET * self.normals[k];
+            (rays.origin_x[i], rays.origin_y[i], rays.origin_z[i]) = origin.into();
+            if !flat {
+                let direction = lanes::turned([dx[i], dy[i], dz[i]], &self.frames[k]);
+                (rays.direction_x[i], rays.direction_y[i], rays.direction_z[i]) = direction.into();
+            }
         }
     }
 }
 
-/// The largest f32 below one.
-const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
-
-/// A fixed-point fraction as a float in [0, 1). Signed integers convert in one vector instruction, unsigned ones do not.
-fn fraction(x: u32) -> f32 {
-    (x >> 8) as i32 as f32 * (1.0 / (1 << 24) as f32)
-}
-
-/// Frame about `normal` whose first axis is turned by `azimuth`.
-fn turned_frame(normal: Vec3, azimuth: f32) -> [Vec3; 3] {
+/// Frame about `normal` whose first axis is turned by the azimuth with this sine and cosine.
+fn turned_frame(normal: Vec3, (sin, cos): (f32, f32)) -> [Vec3; 3] {
     let (t, b) = sampling::frame(normal);
-    let (sin, cos) = azimuth.sin_cos();
     [t * cos + b * sin, b * cos - t * sin, normal]
-}
-
-/// Writes the directions of `points`, turned into the frame, from ray `at` on.
-fn turn(sets: &PointSets, points: std::ops::Range<usize>, [t, b, n]: [Vec3; 3], at: usize, rays: &mut RayBatch) {
-    let (dx, dy, dz) =
-        (&sets.direction_x[points.clone()], &sets.direction_y[points.clone()], &sets.direction_z[points.clone()]);
-    for axis in 0..3 {
-        let out = match axis {
-            0 => &mut rays.direction_x,
-            1 => &mut rays.direction_y,
-            _ => &mut rays.direction_z,
-        };
-        let (t, b, n) = (t[axis], b[axis], n[axis]);
-        for (((o, &x), &y), &z) in out[at..at + points.len()].iter_mut().zip(dx).zip(dy).zip(dz) {
-            *o = t * x + b * y + n * z;
-        }
-    }
 }
 
 /// `count` stratified points on every patch of `of`, one patch after the other: those that the first two coordinates

@@ -1,6 +1,9 @@
 //! Casting the rays: which patches are reached by light, and what each of them sees.
 
-use std::sync::Mutex;
+use std::sync::{
+    Mutex,
+    atomic::{AtomicBool, Ordering},
+};
 
 use rayon::prelude::*;
 
@@ -12,7 +15,7 @@ use super::{
 use crate::{
     progress::Progress,
     sampling,
-    simplify::{NO_PATCH, Simplified},
+    simplify::{NO_PATCH, Simplified, hit_map::NOTHING},
     trace::{Hit, RayBatch, RayTracer},
 };
 
@@ -105,6 +108,8 @@ pub fn estimate_plan(
     let caster = Caster::new(simplified, tracer, plan.outer, rays, seed);
     let mut reached = plan.start.to_vec();
     let mut has_row = reached.clone();
+    // Several threads set marks, which is the same in any order.
+    let seen: Vec<AtomicBool> = (0..n).map(|_| AtomicBool::new(false)).collect();
     let (mut visible, mut outside) = (vec![true; n], vec![false; n]);
     let mut few = vec![false; n];
     let mut first = true;
@@ -116,26 +121,20 @@ pub fn estimate_plan(
     progress.begin("form factors", n as u64);
     loop {
         while !wave.is_empty() {
-            let new = caster.rows(&wave, &few, progress);
+            // What reached patches see gets a row next; where all have one, nobody asks.
+            let asked = has_row.contains(&false).then_some(&seen[..]);
+            let sees = |i: u32| plan.backwards || reached[i as usize];
+            let new = caster.rows(&wave, &few, asked.map(|marks| Seen { by: &sees, marks }), progress);
             let (outer, open): (Vec<u32>, Vec<u32>) = wave.iter().partition(|&&i| caster.is_outer(i));
             clear += outer.len() as u64 * rays as u64;
             cast += open.iter().map(|&i| caster.sets(i, &few).len as u64).sum::<u64>();
             if plan.backwards && std::mem::take(&mut first) {
                 few = little_seen(n, &new, &has_row, rays);
             }
-            // What reached patches see gets a row next.
-            let mut seen: Vec<u32> = Vec::new();
-            let mut see = |block: &Block, row: usize, has_row: &mut [bool]| {
-                let columns = block.entries(row).map(|e| e.0);
-                let new = columns.filter(|&j| !std::mem::replace(&mut has_row[j as usize], true));
-                seen.extend(new.filter(|&j| !of(plan.black, j)));
-            };
             for block in new {
                 for (k, row) in block.rows.iter().enumerate() {
                     reached[row.patch as usize] |= plan.backwards;
-                    if reached[row.patch as usize] {
-                        see(&block, k, &mut has_row);
-                    } else {
+                    if !reached[row.patch as usize] {
                         pending.push(Pending { patch: row.patch, block: blocks.len(), row: k, refused: 0 });
                     }
                 }
@@ -146,14 +145,19 @@ pub fn estimate_plan(
                 cast += confirming;
                 for p in &accepted {
                     reached[p.patch as usize] = true;
-                    see(&blocks[p.block], p.row, &mut has_row);
+                    blocks[p.block].entries(p.row).for_each(|(j, _)| seen[j as usize].store(true, Ordering::Relaxed));
                 }
                 if accepted.is_empty() {
                     break;
                 }
             }
-            seen.sort_unstable();
-            wave = seen;
+            wave.clear();
+            for (i, seen) in (0..).zip(&seen) {
+                let new = seen.load(Ordering::Relaxed) && !std::mem::replace(&mut has_row[i as usize], true);
+                if new && !of(plan.black, i) {
+                    wave.push(i);
+                }
+            }
         }
         if plan.backwards {
             // What no row met adds nothing to any of them.
@@ -235,6 +239,13 @@ pub fn receive_again(
         .collect()
 }
 
+/// What rows met.
+struct Seen<'a> {
+    /// Whether what a row meets is asked for.
+    by: &'a (dyn Fn(u32) -> bool + Sync),
+    marks: &'a [AtomicBool],
+}
+
 /// A patch whose row is cast, but that is not known to be reached.
 struct Pending {
     patch: u32,
@@ -275,10 +286,12 @@ struct Scratch {
     emitter: Emitter,
     rays: RayBatch,
     hits: Vec<Hit>,
-    /// Patch of every hit.
+    /// Cell and patch of every hit.
+    cells: Vec<u32>,
     patches: Vec<u32>,
     /// Hits of every patch, of the sky and of the insides of objects.
     tally: Tally,
+    entries: Vec<(u32, u32)>,
 }
 
 impl<'a> Caster<'a> {
@@ -310,7 +323,8 @@ impl<'a> Caster<'a> {
         if few[patch as usize] { &self.fewer } else { &self.rows }
     }
 
-    fn rows(&self, patches: &[u32], few: &[bool], progress: &dyn Progress) -> Vec<Block> {
+    /// The rows of `patches`.
+    fn rows(&self, patches: &[u32], few: &[bool], seen: Option<Seen>, progress: &dyn Progress) -> Vec<Block> {
         patches
             .par_chunks(CHUNK)
             .map(|chunk| {
@@ -319,14 +333,18 @@ impl<'a> Caster<'a> {
                 for &i in chunk {
                     if self.is_outer(i) {
                         let all = self.rows.len as u32;
-                        block.row().finish(Row { patch: i, valid: all, escaped: all, hidden: 0, end: 0 });
+                        block.push(&[], Row { patch: i, valid: all, escaped: all, hidden: 0, end: 0 });
                         continue;
                     }
                     self.cast(i, self.sets(i, few), 0, &mut s);
                     self.count(i, &mut s, &mut block);
+                    if let Some(Seen { marks, .. }) = seen.as_ref().filter(|seen| (seen.by)(i)) {
+                        s.entries.iter().for_each(|e| marks[e.0 as usize].store(true, Ordering::Relaxed));
+                    }
                 }
                 self.give_back(s);
                 progress.advance(chunk.len() as u64);
+                block.bytes.shrink_to_fit();
                 block
             })
             .collect()
@@ -411,26 +429,27 @@ impl<'a> Caster<'a> {
         (patch != NO_PATCH).then_some(patch)
     }
 
+    /// Counts the hits of patch `i` into a new row of `block`, and leaves them in `s.entries`.
     fn count(&self, i: u32, s: &mut Scratch, block: &mut Block) {
-        let Scratch { hits, patches, tally, rays, .. } = s;
+        let Scratch { hits, cells, patches, tally, entries, rays, .. } = s;
         let n = self.simplified.patches.len() as u32;
-        let (escaped, hidden) = (n, n + 1);
-        // Looking all up before counting any lets the processor overlap the loads.
-        patches.clear();
-        patches.extend(hits.iter().map(|hit| {
-            let patch =
-                if hit.is_hit() { self.simplified.hit_map.patch(&self.simplified.fragments, hit) } else { escaped };
-            patch.min(hidden)
-        }));
-        if patches.contains(&hidden) {
-            let free = self.beside_backs(i, rays, |k| patches[k] == hidden);
-            free.into_iter().for_each(|k| patches[k] = escaped);
+        self.simplified.hit_map.patches(&self.simplified.fragments, hits, cells, patches);
+        if patches.contains(&NO_PATCH) {
+            let free = self.beside_backs(i, rays, |k| patches[k] == NO_PATCH);
+            free.into_iter().for_each(|k| patches[k] = NOTHING);
         }
-        patches.iter().for_each(|&j| tally.add(j));
-        let (escaped, hidden) = (tally.take(escaped), tally.take(hidden));
-        let mut row = block.row();
-        tally.drain(|j, count| row.add(j, count));
-        row.finish(Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
+        // What is no patch comes behind the patches: n + (j - NOTHING).
+        patches.iter_mut().for_each(|j| *j = (*j).min(n.wrapping_add(j.wrapping_sub(NOTHING))));
+        tally.add(patches);
+        tally.drain(entries);
+        let (mut escaped, mut hidden) = (0, 0);
+        while let Some((_, count)) = entries.pop_if(|e| e.0 >= n + (NO_PATCH - NOTHING)) {
+            hidden = count;
+        }
+        while let Some((_, count)) = entries.pop_if(|e| e.0 >= n) {
+            escaped = count;
+        }
+        block.push(entries, Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
     }
 
     /// Of the rays of patch `i` that met backs, `met`, those that started in the open, beside a sheet: two of their
@@ -455,7 +474,7 @@ impl<'a> Caster<'a> {
 
     fn take(&self) -> Scratch {
         let kept = self.scratch.lock().expect("no thread panics with the lock").pop();
-        kept.unwrap_or_else(|| Scratch { tally: Tally::new(self.simplified.patches.len() + 2), ..Scratch::default() })
+        kept.unwrap_or_else(|| Scratch { tally: Tally::new(self.simplified.patches.len() + 3), ..Scratch::default() })
     }
 
     fn give_back(&self, s: Scratch) {

@@ -1,5 +1,6 @@
 //! Form factors as compressed sparse rows.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
@@ -8,9 +9,10 @@ use rayon::prelude::*;
 /// column as a variable-length integer, the count as a byte (255 announces a variable-length integer).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FormFactors {
-    /// Where each row begins in `bytes`; one more entry than patches.
-    offsets: Vec<u64>,
-    bytes: Vec<u8>,
+    /// Where each row lies.
+    places: Vec<Place>,
+    /// The bytes of rows that were estimated together, as they came: there is no second copy.
+    blocks: Vec<Vec<u8>>,
     /// Rays of each row that count.
     valid: Vec<u32>,
     /// Rays of each row that left the scene, or met the back of a one-sided sheet; they are among the valid ones.
@@ -19,6 +21,14 @@ pub struct FormFactors {
     hidden: Vec<u32>,
     /// No ray leaves the scene: the few that slip through cracks are not counted, and rows sum to 1.
     closed: bool,
+}
+
+/// Bytes of a row in its block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Place {
+    block: u32,
+    begin: u32,
+    end: u32,
 }
 
 /// Share of escaping rays below which a scene is closed: rays slip through the edge between two triangles about
@@ -37,7 +47,7 @@ pub struct Row {
     /// Rays that started hidden.
     pub hidden: u32,
     /// End of the row in the bytes of its block.
-    pub end: usize,
+    pub end: u32,
 }
 
 /// Rows of some patches, in any order.
@@ -48,53 +58,55 @@ pub struct Block {
 }
 
 impl Block {
-    /// Begins a row.
-    pub fn row(&mut self) -> RowWriter<'_> {
-        RowWriter { block: self, last: 0 }
+    /// Adds a row with these (patch, count), sorted by patch; `row.end` is filled in.
+    ///
+    /// Whether a step takes one byte or two is a matter of chance, so there is no branch on it: four bytes are written,
+    /// and those that are too many written over.
+    pub fn push(&mut self, entries: &[(u32, u32)], row: Row) {
+        let mut end = self.bytes.len();
+        self.bytes.resize(end + MOST_BYTES * entries.len(), 0);
+        let mut last = 0;
+        for &(patch, count) in entries {
+            let step = patch - last;
+            last = patch;
+            if step < 1 << 14 && count < 255 {
+                let two = (step >= 0x80) as u32;
+                let coded = (step & 0x7f) | two << 7 | (step >> 7) << 8 | count << (8 + 8 * two);
+                self.bytes[end..end + 4].copy_from_slice(&coded.to_le_bytes());
+                end += 2 + two as usize;
+            } else {
+                put_varint(&mut self.bytes, &mut end, step);
+                put(&mut self.bytes, &mut end, count.min(255) as u8);
+                if count >= 255 {
+                    put_varint(&mut self.bytes, &mut end, count);
+                }
+            }
+        }
+        self.bytes.truncate(end);
+        self.rows.push(Row { end: end as u32, ..row });
     }
 
     /// The hits of row number `row`: (patch, count), sorted by patch.
     pub fn entries(&self, row: usize) -> impl Iterator<Item = (u32, u32)> {
         let begin = if row == 0 { 0 } else { self.rows[row - 1].end };
-        Entries { bytes: &self.bytes[begin..self.rows[row].end], patch: 0 }
+        Entries { bytes: &self.bytes[begin as usize..self.rows[row].end as usize], patch: 0 }
     }
 }
 
-/// Takes the entries of one row.
-pub struct RowWriter<'a> {
-    block: &'a mut Block,
-    last: u32,
+/// The most bytes that an entry can take: a step and a count of five each, and a mark.
+const MOST_BYTES: usize = 11;
+
+fn put(bytes: &mut [u8], end: &mut usize, byte: u8) {
+    bytes[*end] = byte;
+    *end += 1;
 }
 
-impl RowWriter<'_> {
-    /// Adds an entry; patches come in ascending order.
-    #[inline]
-    pub fn add(&mut self, patch: u32, count: u32) {
-        let bytes = &mut self.block.bytes;
-        push_varint(bytes, patch - self.last);
-        self.last = patch;
-        if count < 255 {
-            bytes.push(count as u8);
-        } else {
-            bytes.push(255);
-            push_varint(bytes, count);
-        }
-    }
-
-    /// Ends the row; its `end` is filled in.
-    pub fn finish(self, row: Row) {
-        let end = self.block.bytes.len();
-        self.block.rows.push(Row { end, ..row });
-    }
-}
-
-#[inline]
-fn push_varint(bytes: &mut Vec<u8>, mut x: u32) {
+fn put_varint(bytes: &mut [u8], end: &mut usize, mut x: u32) {
     while x >= 0x80 {
-        bytes.push(x as u8 | 0x80);
+        put(bytes, end, x as u8 | 0x80);
         x >>= 7;
     }
-    bytes.push(x as u8);
+    put(bytes, end, x as u8);
 }
 
 /// Decodes the entries of a row.
@@ -104,6 +116,25 @@ struct Entries<'a> {
 }
 
 impl Entries<'_> {
+    /// The next entry, where there are at least four bytes: without a branch on how long it is, but for rare ones.
+    #[inline(always)]
+    fn read(&mut self) -> (u32, u32) {
+        let coded = u32::from_le_bytes([self.bytes[0], self.bytes[1], self.bytes[2], self.bytes[3]]);
+        let two = coded >> 7 & 1;
+        let count = coded >> (8 + 8 * two) & 0xff;
+        if coded & 0x8080 == 0x8080 || count == 255 {
+            return self.read_large();
+        }
+        self.patch += coded & 0x7f | coded >> 1 & 0x3f80 & two.wrapping_neg();
+        self.bytes = &self.bytes[2 + two as usize..];
+        (self.patch, count)
+    }
+
+    #[cold]
+    fn read_large(&mut self) -> (u32, u32) {
+        self.next().unwrap_or_default()
+    }
+
     #[inline(always)]
     fn byte(&mut self) -> Option<u8> {
         let (&first, rest) = self.bytes.split_first()?;
@@ -145,35 +176,28 @@ impl Iterator for Entries<'_> {
 }
 
 impl FormFactors {
-    /// Puts the rows of blocks in the order of the patches. Patches that are not `wanted` or have no row get an empty
-    /// one. Whether the scene is closed is told by the rows that light has `reached`.
+    /// The matrix of the rows in `blocks`. Patches that are not `wanted` or have no row get an empty one. Whether the
+    /// scene is closed is told by the rows that light has `reached`.
     pub fn of_blocks(patches: usize, blocks: Vec<Block>, wanted: &[bool], reached: &[bool]) -> FormFactors {
         let mut f = FormFactors {
-            offsets: Vec::with_capacity(patches + 1),
-            bytes: Vec::with_capacity(blocks.iter().map(|b| b.bytes.len()).sum()),
+            places: vec![Place::default(); patches],
+            blocks: Vec::with_capacity(blocks.len()),
             valid: vec![0; patches],
             escaped: vec![0; patches],
             hidden: vec![0; patches],
             closed: false,
         };
-        let mut place = vec![(0u32, 0usize, 0usize); patches];
-        for (k, block) in blocks.iter().enumerate() {
+        for (block, Block { rows, bytes }) in (0..).zip(blocks) {
             let mut begin = 0;
-            for row in &block.rows {
+            for row in rows {
                 let i = row.patch as usize;
                 if wanted[i] {
-                    place[i] = (k as u32, begin, row.end);
+                    f.places[i] = Place { block, begin, end: row.end };
                     (f.valid[i], f.escaped[i], f.hidden[i]) = (row.valid, row.escaped, row.hidden);
                 }
                 begin = row.end;
             }
-        }
-        f.offsets.push(0);
-        for (k, begin, end) in place {
-            if end > begin {
-                f.bytes.extend_from_slice(&blocks[k as usize].bytes[begin..end]);
-            }
-            f.offsets.push(f.bytes.len() as u64);
+            f.blocks.push(bytes);
         }
         let sum = |v: &[u32]| v.iter().zip(reached).filter(|r| *r.1).map(|r| *r.0 as u64).sum::<u64>();
         f.closed = sum(&f.escaped) as f64 <= CLOSED * sum(&f.valid) as f64;
@@ -185,10 +209,9 @@ impl FormFactors {
     pub(crate) fn of_hits(rows: &[(Vec<u32>, u32)]) -> FormFactors {
         let mut block = Block::default();
         for (i, (hits, escaped)) in rows.iter().enumerate() {
-            let mut row = block.row();
-            hits.iter().enumerate().filter(|h| *h.1 > 0).for_each(|(j, &count)| row.add(j as u32, count));
+            let entries: Vec<(u32, u32)> = (0..).zip(hits.iter().copied()).filter(|e| e.1 > 0).collect();
             let valid = hits.iter().sum::<u32>() + escaped;
-            row.finish(Row { patch: i as u32, valid, escaped: *escaped, hidden: 0, end: 0 });
+            block.push(&entries, Row { patch: i as u32, valid, escaped: *escaped, hidden: 0, end: 0 });
         }
         let all = vec![true; rows.len()];
         FormFactors::of_blocks(rows.len(), vec![block], &all, &all)
@@ -211,7 +234,8 @@ impl FormFactors {
 
     /// Bytes that hold the matrix.
     pub fn size_in_bytes(&self) -> usize {
-        self.bytes.len() + self.offsets.len() * 8 + self.valid.len() * 12
+        let bytes: usize = self.blocks.iter().map(|b| b.capacity() + size_of::<Vec<u8>>()).sum();
+        bytes + self.len() * (size_of::<Place>() + 12)
     }
 
     /// The nonzero form factors of row `i`: (j, F_ij), j ascending.
@@ -253,28 +277,92 @@ impl FormFactors {
     /// `out_i = sum_j F_ij x_j`, N channels at once. Sums run in the order of j: the same bits for any number of
     /// threads.
     pub fn multiply<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
-        out.par_chunks_mut(256).enumerate().for_each(|(chunk, out)| {
-            for (k, out) in out.iter_mut().enumerate() {
-                let i = chunk * 256 + k;
-                let mut sum = [0.0; N];
-                for (j, count) in self.entries(i) {
-                    let (x, count) = (&x[j as usize], count as f64);
-                    for c in 0..N {
-                        sum[c] += count * x[c];
-                    }
-                }
-                *out = sum.map(|s| s * self.scale(i));
+        const { assert!(N >= 1 && N <= 4) };
+        match N {
+            1 => self.multiply_in::<N, 1>(x, out),
+            2 => self.multiply_in::<N, 2>(x, out),
+            // Four lanes make a patch one vector that lies in one cache line.
+            _ => self.multiply_in::<N, 4>(x, out),
+        }
+    }
+
+    /// As [`FormFactors::multiply`], in `L` lanes.
+    fn multiply_in<const N: usize, const L: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
+        let lanes = |x: &[f64; N]| std::array::from_fn(|c| if c < N { x[c] } else { 0.0 });
+        let x: Vec<[f64; L]> = x.par_iter().with_min_len(4096).map(lanes).collect();
+        out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
+            let first = chunk * ROWS;
+            let mut rows: [&[u8]; ROWS] = [&[]; ROWS];
+            rows.iter_mut().take(out.len()).enumerate().for_each(|(k, row)| *row = self.bytes(first + k));
+            let sums = add_rows(&rows, &x);
+            for (k, (out, sum)) in out.iter_mut().zip(&sums).enumerate() {
+                *out = std::array::from_fn(|c| sum[c] * self.scale(first + k));
             }
         });
     }
 
+    fn bytes(&self, i: usize) -> &[u8] {
+        let place = self.places[i];
+        // An empty row may come before there is any block.
+        let block = self.blocks.get(place.block as usize).map_or(&[][..], |b| b);
+        &block[place.begin as usize..place.end as usize]
+    }
+
     fn entries(&self, i: usize) -> Entries<'_> {
-        Entries { bytes: &self.bytes[self.offsets[i] as usize..self.offsets[i + 1] as usize], patch: 0 }
+        Entries { bytes: self.bytes(i), patch: 0 }
     }
 
     fn scale(&self, i: usize) -> f64 {
         let rays = if self.closed { self.valid[i] - self.escaped[i] } else { self.valid[i] };
         1.0 / rays.max(1) as f64
+    }
+}
+
+/// Rows that are multiplied at a time.
+const ROWS: usize = 64;
+
+/// Adds up count * x of the entries of each row.
+///
+/// What limits this is the wait from one entry to where the next one begins, so two rows are read side by side.
+#[multiversion(targets("x86_64+avx2"))]
+fn add_rows<const L: usize>(rows: &[&[u8]; ROWS], x: &[[f64; L]]) -> [[f64; L]; ROWS] {
+    let mut sums = [[0.0; L]; ROWS];
+    // Rows that nobody asked for are empty, and may be every second one.
+    let mut full = (0..ROWS).filter(|&k| !rows[k].is_empty());
+    while let Some(first) = full.next() {
+        let mut a = Entries { bytes: rows[first], patch: 0 };
+        let mut sum = [0.0; L];
+        if let Some(second) = full.next() {
+            let mut b = Entries { bytes: rows[second], patch: 0 };
+            let mut other = [0.0; L];
+            while a.bytes.len() >= 4 && b.bytes.len() >= 4 {
+                add(&mut sum, a.read(), x);
+                add(&mut other, b.read(), x);
+            }
+            finish(&mut other, b, x);
+            sums[second] = other;
+        }
+        finish(&mut sum, a, x);
+        sums[first] = sum;
+    }
+    sums
+}
+
+#[inline(always)]
+fn finish<const L: usize>(sum: &mut [f64; L], mut entries: Entries<'_>, x: &[[f64; L]]) {
+    while entries.bytes.len() >= 4 {
+        add(sum, entries.read(), x);
+    }
+    entries.for_each(|entry| add(sum, entry, x));
+}
+
+#[inline(always)]
+fn add<const L: usize>(sum: &mut [f64; L], (j, count): (u32, u32), x: &[[f64; L]]) {
+    let x = x[j as usize];
+    // Signed integers convert in one instruction.
+    let count = count as i32 as f64;
+    for c in 0..L {
+        sum[c] += count * x[c];
     }
 }
 
@@ -285,9 +373,7 @@ mod tests {
     fn one_row(hits: &[(u32, u32)], escaped: u32) -> FormFactors {
         let valid = hits.iter().map(|h| h.1).sum::<u32>() + escaped;
         let mut block = Block::default();
-        let mut row = block.row();
-        hits.iter().for_each(|&(patch, count)| row.add(patch, count));
-        row.finish(Row { patch: 1, valid, escaped, hidden: 0, end: 0 });
+        block.push(hits, Row { patch: 1, valid, escaped, hidden: 0, end: 0 });
         FormFactors::of_blocks(70_000, vec![block], &[true; 70_000], &[true; 70_000])
     }
 

@@ -2,6 +2,7 @@
 
 mod emit;
 mod estimate;
+mod lanes;
 mod matrix;
 mod points;
 mod tally;

@@ -1,5 +1,7 @@
 //! Pregenerated point sets: where rays start on a patch and where they go.
 
+use rayon::prelude::*;
+
 use crate::sampling;
 
 /// Several independent Owen-scrambled Sobol sets over direction x origin (four dimensions), made once.
@@ -17,15 +19,14 @@ pub struct PointSets {
     pub direction_y: Vec<f32>,
     /// z of the directions.
     pub direction_z: Vec<f32>,
-    /// First coordinate of the origins, as fixed-point fractions.
-    pub origin_a: Vec<u32>,
-    /// Second coordinate of the origins.
-    pub origin_b: Vec<u32>,
+    /// Coordinates of the origins: fixed-point fractions of 16 bits, the first in the upper half.
+    pub origin: Vec<u32>,
     sets: usize,
 }
 
-/// Points in all sets together, at least 16 sets.
-const POINTS: usize = 1 << 16;
+/// Points in all sets together, at least 16 sets. They take 256 KiB, so that they stay in a near cache: with four times
+/// as many, half the time of making rays was waiting for them.
+const POINTS: usize = 1 << 14;
 
 impl PointSets {
     /// Makes sets of `len` points (a power of two, at most 65536).
@@ -36,22 +37,22 @@ impl PointSets {
             direction_x: Vec::with_capacity(sets * len),
             direction_y: Vec::with_capacity(sets * len),
             direction_z: Vec::with_capacity(sets * len),
-            origin_a: Vec::with_capacity(sets * len),
-            origin_b: Vec::with_capacity(sets * len),
+            origin: Vec::with_capacity(sets * len),
             sets,
         };
-        for set in 0..sets {
+        let points = |set| {
             let seed = sampling::hash(&[seed, POINT_SETS, set as u64]);
             let mut points: Vec<[f32; 4]> = (0..len as u32).map(|i| sampling::sobol4(i, seed)).collect();
-            points.sort_by_key(|p| morton(p[0], p[1]));
-            for [u, v, a, b] in points {
-                let d = sampling::cosine_hemisphere(u, v);
-                all.direction_x.push(d.x);
-                all.direction_y.push(d.y);
-                all.direction_z.push(d.z);
-                all.origin_a.push(fixed_point(a));
-                all.origin_b.push(fixed_point(b));
-            }
+            points.sort_by_cached_key(|p| morton(p[0], p[1]));
+            points
+        };
+        let points: Vec<Vec<[f32; 4]>> = (0..sets).into_par_iter().map(points).collect();
+        for [u, v, a, b] in points.into_iter().flatten() {
+            let d = sampling::cosine_hemisphere(u, v);
+            all.direction_x.push(d.x);
+            all.direction_y.push(d.y);
+            all.direction_z.push(d.z);
+            all.origin.push(fixed_point(a) & 0xffff_0000 | fixed_point(b) >> 16);
         }
         all
     }

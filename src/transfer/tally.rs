@@ -1,78 +1,173 @@
 //! Counting hits by patch.
 
-/// Counters of which few are used at a time, that can be read in order without sorting: two levels of bits tell which
-/// are not zero. Counting never branches on what it reads, which would wait for memory at every ray.
+use multiversion::multiversion;
+
+/// Counters of which few are used at a time, that can be read in order without sorting.
+///
+/// A counter is a byte, so that those of a usual scene stay in the nearest cache. A bit tells whether it is used, and
+/// marks tell which 64 and which 4096 of them are. Counting never waits for what it reads, and reading has few
+/// branches on what was counted, since no processor foretells those.
 #[derive(Default)]
 pub struct Tally {
-    counts: Vec<u32>,
+    counts: Vec<u8>,
     /// A bit for every counter.
-    used: Vec<u64>,
-    /// A bit for every word of `used`.
-    words: Vec<u64>,
+    used: Vec<u8>,
+    /// 1 for every 64 counters of which one is used.
+    touched: Vec<u8>,
+    /// 1 for every 4096 counters of which one is used.
+    regions: Vec<u8>,
+    /// A counter for each time that it would have passed [`FULL`].
+    more: Vec<u32>,
+    /// Where the used words and counters are, while they are read.
+    lines: Vec<u32>,
+    found: Vec<u32>,
 }
+
+const FULL: u8 = u8::MAX;
 
 impl Tally {
     /// `len` counters at zero.
     pub fn new(len: usize) -> Tally {
-        let words = len.div_ceil(64);
-        Tally { counts: vec![0; len], used: vec![0; words], words: vec![0; words.div_ceil(64)] }
+        let regions = len.div_ceil(4096);
+        Tally {
+            counts: vec![0; regions * 4096],
+            used: vec![0; regions * 512],
+            touched: vec![0; regions * 64],
+            regions: vec![0; regions],
+            ..Tally::default()
+        }
     }
 
-    /// Counts one more of `i`.
-    #[inline]
-    pub fn add(&mut self, i: u32) {
-        let i = i as usize;
-        self.counts[i] += 1;
-        self.used[i / 64] |= 1 << (i % 64);
-        self.words[i / 4096] |= 1 << (i / 64 % 64);
+    /// Counts one more of each of `hits`.
+    pub fn add(&mut self, hits: &[u32]) {
+        let (counts, used, more) = (&mut self.counts[..], &mut self.used[..], &mut self.more);
+        let (touched, regions) = (&mut self.touched[..], &mut self.regions[..]);
+        for &i in hits {
+            let at = i as usize;
+            let count = &mut counts[at];
+            if *count == FULL {
+                more.push(i);
+            } else {
+                *count += 1;
+            }
+            used[at / 8] |= 1 << (at % 8);
+            touched[at / 64] = 1;
+            regions[at / 4096] = 1;
+        }
     }
 
-    /// Counter `i`, which becomes zero.
-    pub fn take(&mut self, i: u32) -> u32 {
-        self.used[i as usize / 64] &= !(1 << (i % 64));
-        std::mem::take(&mut self.counts[i as usize])
-    }
-
-    /// Calls `entry` for every counter that is not zero, in order; all become zero.
-    #[inline]
-    pub fn drain(&mut self, mut entry: impl FnMut(u32, u32)) {
-        for (k, words) in self.words.iter_mut().enumerate() {
-            for w in bits(std::mem::take(words)) {
-                let word = k * 64 + w;
-                for b in bits(std::mem::take(&mut self.used[word])) {
-                    let i = word * 64 + b;
-                    entry(i as u32, std::mem::take(&mut self.counts[i]));
-                }
+    /// Moves all counters that are not zero to `out`, in order.
+    pub fn drain(&mut self, out: &mut Vec<(u32, u32)>) {
+        self.lines.clear();
+        let (words, _) = self.touched.as_chunks_mut::<8>();
+        for (r, region) in self.regions.iter_mut().enumerate() {
+            if std::mem::take(region) != 0 {
+                let words = words[8 * r..8 * r + 8].iter_mut().enumerate();
+                let mask = words.fold(0, |mask, (k, word)| mask | marks(std::mem::take(word)) << (8 * k));
+                self.lines.extend(Bits(mask).map(|line| 64 * r as u32 + line));
             }
         }
+        self.found.clear();
+        read(&self.lines, &mut self.used, &mut self.found);
+        self.more.sort_unstable();
+        let mut more = self.more.iter().peekable();
+        let counts = &mut self.counts[..];
+        out.clear();
+        out.extend(self.found.iter().map(|&i| {
+            let mut count = std::mem::take(&mut counts[i as usize]) as u32;
+            if count == FULL as u32 {
+                while more.next_if(|&&m| m == i).is_some() {
+                    count += 1;
+                }
+            }
+            (i, count)
+        }));
+        self.more.clear();
     }
 }
 
 /// The positions of the bits that are set.
-fn bits(mut word: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let bit = word.trailing_zeros() as usize;
-        (word != 0).then(|| {
-            word &= word - 1;
+struct Bits(u64);
+
+impl Iterator for Bits {
+    type Item = u32;
+
+    fn next(&mut self) -> Option<u32> {
+        let bit = self.0.trailing_zeros();
+        (self.0 != 0).then(|| {
+            self.0 &= self.0.wrapping_sub(1);
             bit
         })
-    })
+    }
+}
+
+/// Gathers the lowest bits of eight bytes that are 0 or 1.
+#[inline]
+fn marks(bytes: [u8; 8]) -> u64 {
+    u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56
+}
+
+/// Appends the places of the bits of `used` in these `lines` of 64, and clears them.
+///
+/// How many there are is chance: four are written whether they are there or not, more need a branch (Langdale & Lemire
+/// 2019).
+#[multiversion(targets("x86_64+popcnt+bmi1"))]
+fn read(lines: &[u32], used: &mut [u8], found: &mut Vec<u32>) {
+    let (words, _) = used.as_chunks_mut::<8>();
+    let mut end = 0;
+    for &line in lines {
+        let mut word = u64::from_le_bytes(std::mem::take(&mut words[line as usize]));
+        let next = end + word.count_ones() as usize;
+        if found.len() < next + 4 {
+            found.resize(next + 512, 0);
+        }
+        while word != 0 {
+            for out in &mut found[end..end + 4] {
+                *out = 64 * line + word.trailing_zeros();
+                word &= word.wrapping_sub(1);
+            }
+            end += 4;
+        }
+        end = next;
+    }
+    found.truncate(end);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn drained(tally: &mut Tally) -> Vec<(u32, u32)> {
+        let mut out = Vec::new();
+        tally.drain(&mut out);
+        out
+    }
+
     #[test]
     fn counters_come_out_in_order_and_are_zero_after() {
         let mut tally = Tally::new(10_000);
-        for i in [9_999, 3, 64, 3, 4095, 4096, 3, 70] {
-            tally.add(i);
+        tally.add(&[9_999, 3, 64, 3, 4095, 4096, 3, 70]);
+        assert_eq!(drained(&mut tally), [(3, 3), (64, 1), (70, 1), (4095, 1), (4096, 1), (9_999, 1)]);
+        assert_eq!(drained(&mut tally), []);
+    }
+
+    #[test]
+    fn every_counter_of_a_line_can_be_used() {
+        let mut tally = Tally::new(300);
+        tally.add(&(0..300).rev().collect::<Vec<_>>());
+        assert_eq!(drained(&mut tally), (0..300).map(|i| (i, 1)).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn counters_go_beyond_a_byte() {
+        let counts = [(5, 254), (6, 255), (7, 256), (70, 1), (4100, 65_536)];
+        let mut tally = Tally::new(5_000);
+        for round in 0..65_536 {
+            // In turns, the last first.
+            let turn: Vec<u32> = counts.iter().rev().filter(|c| round < c.1).map(|c| c.0).collect();
+            tally.add(&turn);
         }
-        assert_eq!(tally.take(70), 1);
-        let mut seen = Vec::new();
-        tally.drain(|i, n| seen.push((i, n)));
-        assert_eq!(seen, [(3, 3), (64, 1), (4095, 1), (4096, 1), (9_999, 1)]);
-        tally.drain(|i, _| panic!("{i} is not zero"));
+        assert_eq!(drained(&mut tally), counts);
+        assert_eq!(drained(&mut tally), []);
     }
 }
