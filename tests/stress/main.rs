@@ -218,20 +218,6 @@ fn a_furnace_glows_evenly_at_every_scale() {
     }
 }
 
-/// Faces of neighbouring blocks often touch. Shadow rays start off their surfaces, and so beyond what touches them.
-#[test]
-fn a_face_that_touches_a_lamp_gets_none_of_its_light() {
-    let mut world = common::World::new();
-    let (grey, glow) = (world.grey(0.5, 0.0), world.grey(0.0, 10.0));
-    world.room(DVec3::ZERO, DVec3::ONE, grey);
-    world.block(DVec3::new(0.3, 0.3, 0.7), DVec3::new(0.7, 0.7, 0.9), glow);
-    world.block(DVec3::new(0.3, 0.3, 0.2), DVec3::new(0.7, 0.7, 0.7 - 3e-7), grey);
-    let bake = world.build().bake(&options(16, 64));
-    let balance = bake.report.energy.unaccounted.expect("no sky")[0];
-    // The lamp's foot sends a quarter of its light, all of which the block below would take.
-    assert!(balance.abs() < 0.01, "{balance}");
-}
-
 /// The two sheets of a thin wall lie in one voxel and face alike, but one sees the room and the other their gap.
 #[test]
 fn a_wall_of_two_sheets_is_lit_like_a_slab() {
