@@ -51,7 +51,7 @@ fn percent(x: Option<f64>) -> String {
 /// Of every case: the worst balance, mean and leak, noise and difference of backends.
 fn cases(defaults: &BakeOptions) {
     println!(
-        "| case | balance % | error of mean % | leak % | noise between seeds % | between backends % | steps | sound |"
+        "| case | balance % | of independent rays % | error of mean % | leak % | noise between seeds % | between backends % | steps | sound |"
     );
     println!("|-|-|-|-|-|-|-|-|-|");
     for case in cases::all(64) {
