@@ -117,10 +117,9 @@ fn row(scene: &Scene, bake: &Bake, quality: &str, paths: u32, count: usize) -> l
 fn print_row(scene: &str, quality: &str, light: &str, is: &Difference, said: &ErrorParts, seconds: f64) {
     let percent = |x: f64| format!("{:.2}", 100.0 * x);
     let [rmse, total, noise, grid] = [is.rmse, said.total, said.noise, said.discretisation].map(percent);
-    println!(
-        "| {scene} | {quality} | {light} | {rmse} | {total} | {:.2} | {noise} | {grid} | {seconds:.2} |",
-        is.rmse / said.total
-    );
+    // Where no rays are random there is nothing to compare.
+    let ratio = if said.total > 1e-4 { format!("{:.2}", is.rmse / said.total) } else { "-".into() };
+    println!("| {scene} | {quality} | {light} | {rmse} | {total} | {ratio} | {noise} | {grid} | {seconds:.2} |");
 }
 
 /// Luminance of standard errors whose bands see the same paths: an upper bound, exact where colours are alike.
