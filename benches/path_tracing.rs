@@ -72,7 +72,7 @@ fn random_points() -> Result<Option<Job>> {
     let points = truth.points();
     let (total, _) = truth.luminance();
     let name = "Cornell box, 100,000 points".into();
-    Ok(Some(Job { name, scene, points, truth: total, noise: truth.total_error, count: 100_000 }))
+    Ok(Some(Job { name, scene, points, truth: total, noise: truth.noise().0, count: 100_000 }))
 }
 
 /// The points of the independent reference; `None` where it is not present.

@@ -27,16 +27,15 @@ pub struct Truth {
     normal: Vec<[f32; 3]>,
     direct: Vec<[f32; 3]>,
     indirect: Vec<[f32; 3]>,
-    /// Standard errors of the luminance of total and indirect light.
-    pub total_error: Vec<f64>,
-    /// The same of indirect light: an upper bound, the bands taken as erring alike.
-    pub indirect_error: Vec<f64>,
+    // Single precision, which JSON keeps to the last bit.
+    total_error: Vec<f32>,
+    indirect_error: Vec<f32>,
     /// Paths a point.
     pub samples: u32,
     /// Standard error of the total luminance, root mean square over the points, relative to its mean.
-    pub relative_error: f64,
+    pub relative_error: f32,
     /// What it took.
-    pub seconds: f64,
+    pub seconds: f32,
 }
 
 /// Paths a point that tell whether light reaches it: enough for a dark room behind a door.
@@ -82,11 +81,11 @@ impl Truth {
             normal: points.iter().map(|p| p.normal.to_array()).collect(),
             direct: arrays(&found.direct),
             indirect: arrays(&found.indirect),
-            total_error: found.luminance_error,
-            indirect_error: found.indirect_error.iter().map(|&e| luminance(e)).collect(),
+            total_error: found.luminance_error.iter().map(|&e| e as f32).collect(),
+            indirect_error: found.indirect_error.iter().map(|&e| luminance(e) as f32).collect(),
             samples: found.samples,
-            relative_error: found.relative_error,
-            seconds: found.seconds,
+            relative_error: found.relative_error as f32,
+            seconds: found.seconds as f32,
         })
     }
 
@@ -97,6 +96,13 @@ impl Truth {
             normal: normal.into(),
         };
         self.position.iter().zip(&self.normal).map(point).collect()
+    }
+
+    /// Standard errors of the luminance of all light, and of indirect light; for the latter an upper bound, the bands
+    /// taken as erring alike.
+    pub fn noise(&self) -> (Vec<f64>, Vec<f64>) {
+        let wide = |errors: &[f32]| errors.iter().map(|&e| e as f64).collect();
+        (wide(&self.total_error), wide(&self.indirect_error))
     }
 
     /// Luminance of all light, and of indirect light.

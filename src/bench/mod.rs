@@ -213,7 +213,7 @@ pub fn run(scene: &Scene, settings: &Settings, folder: &Path, progress: &dyn Pro
         triangles: scene.triangles.len(),
         tracers,
         settings: settings.clone(),
-        reference: (truth.samples, truth.relative_error),
+        reference: (truth.samples, truth.relative_error as f64),
         entries,
         left_out,
     })
@@ -240,17 +240,17 @@ struct Run {
 }
 
 /// Compares light with the reference.
-struct Judge<'a> {
-    truth: &'a Truth,
+struct Judge {
     points: Vec<SurfacePoint>,
-    total: Vec<f64>,
-    indirect: Vec<f64>,
+    /// Luminance of all light, and of indirect light.
+    light: (Vec<f64>, Vec<f64>),
+    /// Their standard errors.
+    noise: (Vec<f64>, Vec<f64>),
 }
 
-impl<'a> Judge<'a> {
-    fn new(truth: &'a Truth) -> Judge<'a> {
-        let (total, indirect) = truth.luminance();
-        Judge { truth, points: truth.points(), total, indirect }
+impl Judge {
+    fn new(truth: &Truth) -> Judge {
+        Judge { points: truth.points(), light: truth.luminance(), noise: truth.noise() }
     }
 
     /// All points, so many times over.
@@ -263,8 +263,8 @@ impl<'a> Judge<'a> {
         let bounced: Vec<f64> = indirect[..self.points.len()].iter().map(|&e| luminance(e)).collect();
         let total: Vec<f64> = direct.iter().zip(&bounced).map(|(&d, i)| luminance(d) + i).collect();
         (
-            difference(&total, &self.total, Some(&self.truth.total_error)),
-            difference(&bounced, &self.indirect, Some(&self.truth.indirect_error)),
+            difference(&total, &self.light.0, Some(&self.noise.0)),
+            difference(&bounced, &self.light.1, Some(&self.noise.1)),
         )
     }
 }
