@@ -32,7 +32,7 @@ impl Wanted {
         if names.is_empty() {
             return Ok(None);
         }
-        for name in names.iter().filter(|name| !scene.meshes.contains(name)) {
+        if let Some(name) = names.iter().find(|name| !scene.meshes.contains(name)) {
             return Err(Error::Option(format!("--only \"{name}\": there is no such mesh; {}", known(scene, name))));
         }
         Ok(Some(Wanted { meshes: scene.meshes.iter().map(|m| names.contains(m)).collect() }))
