@@ -99,8 +99,10 @@ fn the_list_tells_what_was_saved() {
     }
 
     let mut room = furnished();
-    // Inside of the block, whose faces look outwards.
-    room.point_light(DVec3::new(0.35, 0.45, 0.2), 5.0);
+    // A block in the air, and a light inside of it.
+    let wall = room.grey(0.6, 0.0);
+    room.block(DVec3::new(0.6, 0.7, 0.4), DVec3::new(0.8, 0.9, 0.6), wall);
+    room.point_light(DVec3::new(0.7, 0.8, 0.5), 5.0);
     let [skip, all] = both(&room.build(), &options(16, 64));
     let lamp = skipped(&skip, "reach nothing");
     assert!(lamp.rays > 1000 && lamp.error.contains(" 1 lamps"), "{lamp:?}");
@@ -136,7 +138,11 @@ fn points_that_see_no_sky_or_only_sky_lose_no_more_light_than_the_bound() {
     let lost = (sum(&skip) / sum(&all) - 1.0).abs();
     println!("lost {lost:.1e} of direct light, bound {bound:.1e}");
     assert!(lost <= bound, "{lost} {bound}");
-    assert_eq!(skip.vertices.indirect, all.vertices.indirect);
+    // Two runs of the solver to 1e-6, one of them with rows of patches that no light reaches.
+    for i in (0..skip.patches().len()).filter(|&i| skip.light.reached[i]) {
+        let (a, b) = (skip.light.indirect[i], all.light.indirect[i]);
+        assert!((a - b).abs().max_element() <= 1e-5 * b.max_element(), "patch {i}: {a} {b}");
+    }
 }
 
 #[test]
