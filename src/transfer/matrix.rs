@@ -1,6 +1,5 @@
 //! Form factors as compressed sparse rows.
 
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
@@ -116,25 +115,6 @@ struct Entries<'a> {
 }
 
 impl Entries<'_> {
-    /// The next entry, where there are at least four bytes: without a branch on how long it is, but for rare ones.
-    #[inline(always)]
-    fn read(&mut self) -> (u32, u32) {
-        let coded = u32::from_le_bytes([self.bytes[0], self.bytes[1], self.bytes[2], self.bytes[3]]);
-        let two = coded >> 7 & 1;
-        let count = coded >> (8 + 8 * two) & 0xff;
-        if coded & 0x8080 == 0x8080 || count == 255 {
-            return self.read_large();
-        }
-        self.patch += coded & 0x7f | coded >> 1 & 0x3f80 & two.wrapping_neg();
-        self.bytes = &self.bytes[2 + two as usize..];
-        (self.patch, count)
-    }
-
-    #[cold]
-    fn read_large(&mut self) -> (u32, u32) {
-        self.next().unwrap_or_default()
-    }
-
     #[inline(always)]
     fn byte(&mut self) -> Option<u8> {
         let (&first, rest) = self.bytes.split_first()?;
@@ -270,15 +250,17 @@ impl FormFactors {
     /// `out_i = sum_j F_ij x_j`, three channels at once. Sums run in the order of j: the same bits for any number of
     /// threads.
     pub fn multiply(&self, x: &[[f64; 3]], out: &mut [[f64; 3]]) {
-        // A fourth lane makes a patch one vector that lies in one cache line.
-        let x: Vec<[f64; 4]> = x.par_iter().with_min_len(4096).map(|&[r, g, b]| [r, g, b, 0.0]).collect();
-        out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
-            let first = chunk * ROWS;
-            let mut rows: [&[u8]; ROWS] = [&[]; ROWS];
-            rows.iter_mut().take(out.len()).enumerate().for_each(|(k, row)| *row = self.bytes(first + k));
-            let sums = add_rows(&rows, &x);
-            for (k, (out, &[r, g, b, _])) in out.iter_mut().zip(&sums).enumerate() {
-                *out = [r, g, b].map(|s| s * self.scale(first + k));
+        out.par_chunks_mut(256).enumerate().for_each(|(chunk, out)| {
+            for (k, out) in out.iter_mut().enumerate() {
+                let i = chunk * 256 + k;
+                let mut sum = [0.0; 3];
+                for (j, count) in self.entries(i) {
+                    let (x, count) = (&x[j as usize], count as f64);
+                    for c in 0..3 {
+                        sum[c] += count * x[c];
+                    }
+                }
+                *out = sum.map(|s| s * self.scale(i));
             }
         });
     }
@@ -297,54 +279,6 @@ impl FormFactors {
     fn scale(&self, i: usize) -> f64 {
         let rays = if self.closed { self.valid[i] - self.escaped[i] } else { self.valid[i] };
         1.0 / rays.max(1) as f64
-    }
-}
-
-/// Rows that are multiplied at a time.
-const ROWS: usize = 64;
-
-/// Adds up count * x of the entries of each row.
-///
-/// What limits this is the wait from one entry to where the next one begins, so two rows are read side by side.
-#[multiversion(targets("x86_64+avx2"))]
-fn add_rows(rows: &[&[u8]; ROWS], x: &[[f64; 4]]) -> [[f64; 4]; ROWS] {
-    let mut sums = [[0.0; 4]; ROWS];
-    // Rows that nobody asked for are empty, and may be every second one.
-    let mut full = (0..ROWS).filter(|&k| !rows[k].is_empty());
-    while let Some(first) = full.next() {
-        let mut a = Entries { bytes: rows[first], patch: 0 };
-        let mut sum = [0.0; 4];
-        if let Some(second) = full.next() {
-            let mut b = Entries { bytes: rows[second], patch: 0 };
-            let mut other = [0.0; 4];
-            while a.bytes.len() >= 4 && b.bytes.len() >= 4 {
-                add(&mut sum, a.read(), x);
-                add(&mut other, b.read(), x);
-            }
-            finish(&mut other, b, x);
-            sums[second] = other;
-        }
-        finish(&mut sum, a, x);
-        sums[first] = sum;
-    }
-    sums
-}
-
-#[inline(always)]
-fn finish(sum: &mut [f64; 4], mut entries: Entries<'_>, x: &[[f64; 4]]) {
-    while entries.bytes.len() >= 4 {
-        add(sum, entries.read(), x);
-    }
-    entries.for_each(|entry| add(sum, entry, x));
-}
-
-#[inline(always)]
-fn add(sum: &mut [f64; 4], (j, count): (u32, u32), x: &[[f64; 4]]) {
-    let x = x[j as usize];
-    // Signed integers convert in one instruction.
-    let count = count as i32 as f64;
-    for c in 0..4 {
-        sum[c] += count * x[c];
     }
 }
 
