@@ -1,6 +1,5 @@
 //! Form factors as compressed sparse rows.
 
-use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
@@ -116,25 +115,6 @@ struct Entries<'a> {
 }
 
 impl Entries<'_> {
-    /// The next entry, where there are at least four bytes: without a branch on how long it is, but for rare ones.
-    #[inline(always)]
-    fn read(&mut self) -> (u32, u32) {
-        let coded = u32::from_le_bytes([self.bytes[0], self.bytes[1], self.bytes[2], self.bytes[3]]);
-        let two = coded >> 7 & 1;
-        let count = coded >> (8 + 8 * two) & 0xff;
-        if coded & 0x8080 == 0x8080 || count == 255 {
-            return self.read_large();
-        }
-        self.patch += coded & 0x7f | coded >> 1 & 0x3f80 & two.wrapping_neg();
-        self.bytes = &self.bytes[2 + two as usize..];
-        (self.patch, count)
-    }
-
-    #[cold]
-    fn read_large(&mut self) -> (u32, u32) {
-        self.next().unwrap_or_default()
-    }
-
     #[inline(always)]
     fn byte(&mut self) -> Option<u8> {
         let (&first, rest) = self.bytes.split_first()?;
@@ -277,26 +257,17 @@ impl FormFactors {
     /// `out_i = sum_j F_ij x_j`, N channels at once. Sums run in the order of j: the same bits for any number of
     /// threads.
     pub fn multiply<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
-        const { assert!(N >= 1 && N <= 4) };
-        match N {
-            1 => self.multiply_in::<N, 1>(x, out),
-            2 => self.multiply_in::<N, 2>(x, out),
-            // Four lanes make a patch one vector that lies in one cache line.
-            _ => self.multiply_in::<N, 4>(x, out),
-        }
-    }
-
-    /// As [`FormFactors::multiply`], in `L` lanes.
-    fn multiply_in<const N: usize, const L: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
-        let lanes = |x: &[f64; N]| std::array::from_fn(|c| if c < N { x[c] } else { 0.0 });
-        let x: Vec<[f64; L]> = x.par_iter().with_min_len(4096).map(lanes).collect();
-        out.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, out)| {
-            let first = chunk * ROWS;
-            let mut rows: [&[u8]; ROWS] = [&[]; ROWS];
-            rows.iter_mut().take(out.len()).enumerate().for_each(|(k, row)| *row = self.bytes(first + k));
-            let sums = add_rows(&rows, &x);
-            for (k, (out, sum)) in out.iter_mut().zip(&sums).enumerate() {
-                *out = std::array::from_fn(|c| sum[c] * self.scale(first + k));
+        out.par_chunks_mut(256).enumerate().for_each(|(chunk, out)| {
+            for (k, out) in out.iter_mut().enumerate() {
+                let i = chunk * 256 + k;
+                let mut sum = [0.0; N];
+                for (j, count) in self.entries(i) {
+                    let (x, count) = (&x[j as usize], count as f64);
+                    for c in 0..N {
+                        sum[c] += count * x[c];
+                    }
+                }
+                *out = sum.map(|s| s * self.scale(i));
             }
         });
     }
@@ -315,54 +286,6 @@ impl FormFactors {
     fn scale(&self, i: usize) -> f64 {
         let rays = if self.closed { self.valid[i] - self.escaped[i] } else { self.valid[i] };
         1.0 / rays.max(1) as f64
-    }
-}
-
-/// Rows that are multiplied at a time.
-const ROWS: usize = 64;
-
-/// Adds up count * x of the entries of each row.
-///
-/// What limits this is the wait from one entry to where the next one begins, so two rows are read side by side.
-#[multiversion(targets("x86_64+avx2"))]
-fn add_rows<const L: usize>(rows: &[&[u8]; ROWS], x: &[[f64; L]]) -> [[f64; L]; ROWS] {
-    let mut sums = [[0.0; L]; ROWS];
-    // Rows that nobody asked for are empty, and may be every second one.
-    let mut full = (0..ROWS).filter(|&k| !rows[k].is_empty());
-    while let Some(first) = full.next() {
-        let mut a = Entries { bytes: rows[first], patch: 0 };
-        let mut sum = [0.0; L];
-        if let Some(second) = full.next() {
-            let mut b = Entries { bytes: rows[second], patch: 0 };
-            let mut other = [0.0; L];
-            while a.bytes.len() >= 4 && b.bytes.len() >= 4 {
-                add(&mut sum, a.read(), x);
-                add(&mut other, b.read(), x);
-            }
-            finish(&mut other, b, x);
-            sums[second] = other;
-        }
-        finish(&mut sum, a, x);
-        sums[first] = sum;
-    }
-    sums
-}
-
-#[inline(always)]
-fn finish<const L: usize>(sum: &mut [f64; L], mut entries: Entries<'_>, x: &[[f64; L]]) {
-    while entries.bytes.len() >= 4 {
-        add(sum, entries.read(), x);
-    }
-    entries.for_each(|entry| add(sum, entry, x));
-}
-
-#[inline(always)]
-fn add<const L: usize>(sum: &mut [f64; L], (j, count): (u32, u32), x: &[[f64; L]]) {
-    let x = x[j as usize];
-    // Signed integers convert in one instruction.
-    let count = count as i32 as f64;
-    for c in 0..L {
-        sum[c] += count * x[c];
     }
 }
 
