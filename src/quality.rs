@@ -1,8 +1,11 @@
-//! Presets: grid, rays and shadow samples that go well together.
+//! Presets: grid, rays, shadow samples and reconstruction that go well together.
 
 use serde::{Deserialize, Serialize};
 
-use crate::{BakeOptions, options::Resolution};
+use crate::{
+    BakeOptions,
+    options::{Reconstruct, Resolution},
+};
 
 /// A preset. Errors are those of indirect light on the Cornell box, a room with curved surfaces and two rooms with a door
 /// between them.
@@ -18,13 +21,15 @@ pub enum Quality {
 }
 
 impl Quality {
-    /// Writes grid, rays and samples into `options`.
+    /// Writes grid, rays, samples and reconstruction into `options`.
     pub fn apply(self, options: &mut BakeOptions) {
         let (grid, rays, point_samples, patch_samples) = match self {
             Quality::Preview => (32, 128, 32, 16),
             Quality::Default => (64, 256, 64, 32),
             Quality::High => (96, 1024, 256, 64),
         };
+        // Finer patches do not help points whose neighbours face otherwise (0.9 % on the curved room): gathering does.
+        options.reconstruct = if self == Quality::High { Reconstruct::Adaptive } else { Reconstruct::Smooth };
         options.resolution = Resolution::Grid(grid);
         (options.rays, options.point_samples, options.patch_samples) = (rays, point_samples, patch_samples);
     }

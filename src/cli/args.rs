@@ -59,7 +59,7 @@ struct Tracing {
 #[derive(Args, Debug)]
 #[command(next_help_heading = "Bake settings")]
 struct Settings {
-    /// Grid, rays and samples that go well together [default: default]
+    /// Grid, rays, samples and reconstruction that go well together [default: default]
     #[arg(long, value_enum)]
     quality: Option<Preset>,
     /// Voxels along the longest side of the scene, 2 to 4096 [default: 64]
@@ -323,7 +323,7 @@ choice!(Preset for Quality {
     Preview,
     /// Grid 64, 256 rays
     Default,
-    /// Grid 96, 1024 rays
+    /// Grid 96, 1024 rays, adaptive reconstruction
     High,
 });
 choice!(Patches for PatchSource {
