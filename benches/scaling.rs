@@ -7,6 +7,7 @@ use std::path::Path;
 use luxel::{
     BakeOptions, Scene, bake,
     options::{Backend, Resolution},
+    output::report::peak_memory_bytes,
     progress::Silent,
     report::Report,
     scene::{self, SceneOverrides},
@@ -37,7 +38,12 @@ fn main() {
 fn run(grids: &[u32], backend: Backend) -> luxel::Result<Vec<Report>> {
     let scene: Scene = scene::load(Path::new("scenes/cornell.toml"), &SceneOverrides::default())?.0;
     let options = |grid| BakeOptions { resolution: Resolution::Grid(grid), backend, ..BakeOptions::default() };
-    grids.iter().map(|&grid| Ok(bake(&scene, &options(grid), &Silent)?.report)).collect()
+    let measured = |&grid| {
+        let mut report = bake(&scene, &options(grid), &Silent)?.report;
+        report.peak_memory_bytes = peak_memory_bytes();
+        Ok(report)
+    };
+    grids.iter().map(measured).collect()
 }
 
 fn print(reports: &[Report]) {
