@@ -117,6 +117,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         tracer: &*tracer,
         normals: &normals,
         cos_threshold: options.normal_threshold.to_radians().cos(),
+        senders: None,
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

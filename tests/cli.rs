@@ -81,6 +81,9 @@ fn help_names_the_commands_and_every_bake_option() {
             "--grid",
             "--voxel",
             "--patches",
+            "--proxy",
+            "--target-patches",
+            "--gather-rays",
             "--rays",
             "--reconstruct",
             "--primary",
@@ -109,12 +112,14 @@ fn help_names_the_commands_and_every_bake_option() {
 
 #[test]
 fn wrong_usage_exits_with_2_and_says_what_would_be_right() {
-    let cases: [(&[&str], &str); 12] = [
+    let cases: [(&[&str], &str); 14] = [
         (&[], "Usage"),
         (&["roast"], "unrecognized subcommand"),
         (&["bake", "a.obj"], "--output"),
         (&["bake", "a.obj", "-o", "x", "--rays", "100"], "a power of two, such as 64 or 128"),
         (&["bake", "a.obj", "-o", "x", "--rays", "-1"], "a whole number from 16 to 65536"),
+        (&["bake", "a.obj", "-o", "x", "--gather-rays", "8"], "a whole number from 16 to 65536"),
+        (&["bake", "a.obj", "-o", "x", "--target-patches", "0"], "a whole number from 16 to 50000000"),
         (&["bake", "a.obj", "-o", "x", "--grid", "5000"], "a whole number from 2 to 4096"),
         (&["bake", "a.obj", "-o", "x", "--grid", "8", "--voxel", "1"], "cannot be used with"),
         (&["bake", "a.obj", "-o", "x", "--voxel", "-1"], "must be above 0"),
@@ -179,6 +184,45 @@ fn both_kinds_of_patches_and_no_pictures_work_together() {
     assert!(output.status.success(), "{}", stderr(&output));
     assert_eq!(names(&out), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
     assert!(output.stdout.is_empty() && output.stderr.is_empty(), "--quiet was not");
+}
+
+#[test]
+fn a_proxy_gives_the_patches_and_a_wrong_one_is_named() {
+    let (folder, scene) = room();
+    let proxy = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).unwrap();
+        folder.path().join(name).to_str().unwrap().to_string()
+    };
+    let walls: String = ROOM_OBJ.lines().filter(|l| l.starts_with('v') || l.starts_with("f ")).take(18).fold(
+        String::new(),
+        |mut text, line| {
+            text.push_str(line);
+            text.push('\n');
+            text
+        },
+    );
+    let good = proxy("good.obj", &walls);
+    let out = folder.path().join("out");
+    let output = bake(&scene, &out, &["--proxy", &good, "--preview-size", "16x12", "--reconstruct", "gather"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(out.join("bake.json")).unwrap()).unwrap();
+    assert_eq!((&report["settings"]["patches"], &report["settings"]["gather_rays"]), (&"proxy".into(), &1024.into()));
+
+    let far = proxy("far.obj", "o wall\nv 0 0 0\nv 900 0 0\nv 0 900 0\nf 1 2 3\n");
+    let stray = proxy("stray.obj", "o stray\nv 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 2 3\n");
+    let cases: [(&[&str], &str); 6] = [
+        (&["--patches", "proxy"], "give --proxy FILE"),
+        (&["--proxy", "nowhere.obj"], "nowhere.obj: "),
+        (&["--proxy", &good, "--patches", "faces"], "leave --patches out"),
+        (&["--proxy", &far], "far.obj: the proxy spans [0, 0, 0] to [900, 900, 0]"),
+        (&["--proxy", &stray], "stray.obj: mesh \"stray\", triangle ("),
+        (&["--proxy", &stray], "(0.100000 0.000000 0.000000), (0.000000 0.100000 0.000000): is near no surface"),
+    ];
+    for (more, expected) in cases {
+        let output = bake(&scene, &folder.path().join("none"), more);
+        assert_eq!(output.status.code(), Some(1), "{more:?}");
+        assert!(stderr(&output).contains(expected), "{more:?}: {}", stderr(&output));
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use glam::DVec3;
 use luxel::{
     BakeOptions,
     bake::Bake,
-    options::{Backend, Primary, Reconstruct},
+    options::{Backend, PatchSource, Primary, Reconstruct},
 };
 
 fn bake(options: &BakeOptions) -> Bake {
@@ -71,6 +71,9 @@ fn every_mode_gives_the_same_bytes_with_any_number_of_threads() {
         BakeOptions { primary: Primary::Radiosity, ..options(10, 64) },
         BakeOptions { reconstruct: Reconstruct::Nearest4, ..faces(options(10, 64)) },
         BakeOptions { skip_unreached: false, ..options(10, 64) },
+        BakeOptions { reconstruct: Reconstruct::Gather, gather_rays: 64, ..options(10, 64) },
+        BakeOptions { reconstruct: Reconstruct::Adaptive, patches: PatchSource::Decimated, ..options(10, 64) },
+        BakeOptions { patches: PatchSource::Clustered, ..options(10, 64) },
     ];
     for options in modes {
         let one = with_threads(1, &options);

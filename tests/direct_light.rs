@@ -32,6 +32,7 @@ impl Builder {
             warnings: vec![],
             sides: vec![],
             dropped: Default::default(),
+            proxy: None,
         })
     }
 

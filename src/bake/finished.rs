@@ -164,14 +164,14 @@ impl Bake {
             tracer: &*self.tracer,
             normals: &self.normals,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
-            senders: Senders {
+            senders: Some(Senders {
                 tracer: self.patch_tracer(),
                 exitance,
                 closed: self.form_factors.is_closed(),
                 displaced: self.face_tracer.is_some(),
                 rays: self.options.gather_rays,
                 seed: self.options.seed,
-            },
+            }),
         }
     }
 }

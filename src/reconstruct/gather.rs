@@ -34,7 +34,7 @@ pub struct Senders<'a> {
 /// sunflower's even cover of the disc (Vogel 1979). Sets differ by a shift below 1 / n, and a point turns its set by a
 /// random azimuth: every single ray is then distributed as it should be. Directions are in order of their place, so
 /// that packets of rays stay together.
-pub struct Lattice {
+struct Lattice {
     rays: usize,
     x: Vec<f32>,
     y: Vec<f32>,
@@ -53,7 +53,7 @@ const ROUNDS: usize = 3;
 
 impl Lattice {
     /// Directions for gathers of `rays` rays, at least one.
-    pub fn new(rays: u32, seed: u64) -> Lattice {
+    fn new(rays: u32, seed: u64) -> Lattice {
         let rays = rays.max(1) as usize;
         let all = || Vec::with_capacity(SETS * rays);
         let mut lattice = Lattice { rays, x: all(), y: all(), z: all() };
@@ -90,7 +90,7 @@ fn place(d: Vec3) -> (u32, u32) {
     let turn = (d.y.atan2(d.x) / std::f32::consts::TAU + 0.5) * SECTORS;
     let sector = (turn as u32).min(SECTORS as u32 - 1);
     let ring = ((1.0 - d.z * d.z) * 65536.0) as u32;
-    (sector, if sector % 2 == 0 { ring } else { 65536 - ring.min(65536) })
+    (sector, if sector.is_multiple_of(2) { ring } else { 65536 - ring.min(65536) })
 }
 
 /// Memory that is kept from point to point.
@@ -100,43 +100,94 @@ struct Scratch {
     hits: Vec<Hit>,
 }
 
-/// The light that arrives at each point from the patches that its rays meet; `None` where no ray starts in the open.
-///
-/// E = mean of the exitance met, over cosine-distributed rays. Rays onto the inside of an object are dropped, as in the
-/// rows of form factors. The result depends on nothing but position and normal of the point.
-pub fn gather(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Option<Vec3>> {
-    let mut scratch = Scratch::default();
-    let light =
-        |(p, o): (&SurfacePoint, Vec3)| if p.is_sound() { one(field, lattice, p, o, &mut scratch) } else { None };
-    points.iter().zip(origins(field, points)).map(light).collect()
+/// A final gather, ready for points.
+pub struct Gather<'a> {
+    field: &'a Field<'a>,
+    senders: &'a Senders<'a>,
+    lattice: Lattice,
 }
 
-fn one(field: &Field, lattice: &Lattice, point: &SurfacePoint, origin: Vec3, s: &mut Scratch) -> Option<Vec3> {
-    let senders = &field.senders;
-    aim(lattice, point, origin, senders.seed, &mut s.rays);
-    s.hits.clear();
-    s.hits.resize(s.rays.len(), Hit::NONE);
-    senders.tracer.closest_hits(&s.rays, &mut s.hits);
-    let patch = |hit: &Hit| field.simplified.hit_map.patch(&field.simplified.fragments, hit);
-    let (mut sum, mut valid) = (glam::DVec3::ZERO, 0u32);
-    for hit in &s.hits {
-        if !hit.is_hit() {
-            valid += !senders.closed as u32;
-            continue;
-        }
-        let patch = patch(hit);
-        if patch != NO_PATCH {
-            sum += senders.exitance[patch as usize].as_dvec3();
-            valid += 1;
-        }
+impl<'a> Gather<'a> {
+    /// Chooses the directions.
+    pub fn new(field: &'a Field, senders: &'a Senders) -> Gather<'a> {
+        Gather { field, senders, lattice: Lattice::new(senders.rays, senders.seed) }
     }
-    (valid > 0).then(|| (sum / valid as f64).as_vec3().min(Vec3::MAX))
+
+    /// The light that arrives at each point from the patches that its rays meet; `None` where no ray starts in the
+    /// open.
+    ///
+    /// E = mean of the exitance met, over cosine-distributed rays. Rays onto the inside of an object are dropped, as in
+    /// the rows of form factors. The result depends on nothing but position and normal of the point.
+    pub fn light(&self, points: &[SurfacePoint]) -> Vec<Option<Vec3>> {
+        let mut scratch = Scratch::default();
+        let light = |(p, origin): (&SurfacePoint, Vec3)| {
+            // Adding zero makes -0 and 0 one place.
+            let p = SurfacePoint { position: p.position + Vec3::ZERO, normal: p.normal + Vec3::ZERO };
+            if p.is_sound() { self.one(&p, origin, &mut scratch) } else { None }
+        };
+        points.iter().zip(self.origins(points)).map(light).collect()
+    }
+
+    fn one(&self, point: &SurfacePoint, origin: Vec3, s: &mut Scratch) -> Option<Vec3> {
+        aim(&self.lattice, point, origin, self.senders.seed, &mut s.rays);
+        s.hits.clear();
+        s.hits.resize(s.rays.len(), Hit::NONE);
+        self.senders.tracer.closest_hits(&s.rays, &mut s.hits);
+        let (mut sum, mut valid) = (glam::DVec3::ZERO, 0u32);
+        for hit in &s.hits {
+            if !hit.is_hit() {
+                valid += !self.senders.closed as u32;
+                continue;
+            }
+            let patch = self.patch(hit);
+            if patch != NO_PATCH {
+                sum += self.senders.exitance[patch as usize].as_dvec3();
+                valid += 1;
+            }
+        }
+        (valid > 0).then(|| (sum / valid as f64).as_vec3().min(Vec3::MAX))
+    }
+
+    fn patch(&self, hit: &Hit) -> u32 {
+        let simplified = self.field.simplified;
+        simplified.hit_map.patch(&simplified.fragments, hit)
+    }
+
+    /// Where the rays of points start: on their surface, or before the patches that stand off it.
+    fn origins(&self, points: &[SurfacePoint]) -> Vec<Vec3> {
+        let surface = |p: &SurfacePoint| p.position + RAY_OFFSET * p.normal;
+        if !self.senders.displaced {
+            return points.iter().map(surface).collect();
+        }
+        let reach = SHELL * self.field.simplified.grid.voxel_size as f32;
+        let ahead = |tracer: &dyn RayTracer, from: &[f32], length: f32| {
+            let mut rays = RayBatch::with_capacity(points.len());
+            points.iter().zip(from).for_each(|(p, t)| rays.push(surface(p), p.normal, *t, length));
+            let mut hits = vec![Hit::NONE; points.len()];
+            tracer.closest_hits(&rays, &mut hits);
+            hits
+        };
+        let mut from = vec![0.0; points.len()];
+        let real = ahead(self.field.tracer, &from, 2.0 * reach);
+        for _ in 0..ROUNDS {
+            let hits = ahead(self.senders.tracer, &from, reach);
+            for (i, hit) in hits.iter().enumerate().filter(|(_, hit)| hit.is_hit()) {
+                let inside = self.patch(hit) == NO_PATCH;
+                // A patch of two sides stands for the nearer real surface: that of the point, or that which its ray meets.
+                if inside || 2.0 * hit.t < real[i].t {
+                    from[i] = hit.t.next_up();
+                }
+            }
+        }
+        let before =
+            |(p, t): (&SurfacePoint, f32)| surface(p) + if t > 0.0 { (t + RAY_OFFSET) * p.normal } else { Vec3::ZERO };
+        points.iter().zip(from).map(before).collect()
+    }
 }
 
 /// The rays of a point, in directions that its place chooses.
 fn aim(lattice: &Lattice, point: &SurfacePoint, origin: Vec3, seed: u64, rays: &mut RayBatch) {
-    // Adding zero makes -0 and 0 one place.
-    let bits = (point.position + Vec3::ZERO).to_array().into_iter().chain((point.normal + Vec3::ZERO).to_array());
+    let bits = point.position.to_array().into_iter().chain(point.normal.to_array());
     let mut words = [seed, POINT, 0, 0, 0, 0, 0, 0];
     words[2..].iter_mut().zip(bits).for_each(|(word, x)| *word = x.to_bits() as u64);
     let random = sampling::hash(&words);
@@ -161,37 +212,6 @@ fn aim(lattice: &Lattice, point: &SurfacePoint, origin: Vec3, seed: u64, rays: &
             *o = t * x + b * y + n * z;
         }
     }
-}
-
-/// Where the rays of points start: on their surface, or before the patches that stand off it.
-fn origins(field: &Field, points: &[SurfacePoint]) -> Vec<Vec3> {
-    let surface = |p: &SurfacePoint| p.position + RAY_OFFSET * p.normal;
-    if !field.senders.displaced {
-        return points.iter().map(surface).collect();
-    }
-    let reach = SHELL * field.simplified.grid.voxel_size as f32;
-    let ahead = |tracer: &dyn RayTracer, from: &[f32], length: f32| {
-        let mut rays = RayBatch::with_capacity(points.len());
-        points.iter().zip(from).for_each(|(p, t)| rays.push(surface(p), p.normal, *t, length));
-        let mut hits = vec![Hit::NONE; points.len()];
-        tracer.closest_hits(&rays, &mut hits);
-        hits
-    };
-    let mut from = vec![0.0; points.len()];
-    let real = ahead(field.tracer, &from, 2.0 * reach);
-    for _ in 0..ROUNDS {
-        let hits = ahead(field.senders.tracer, &from, reach);
-        for (i, hit) in hits.iter().enumerate().filter(|(_, hit)| hit.is_hit()) {
-            let inside = field.simplified.hit_map.patch(&field.simplified.fragments, hit) == NO_PATCH;
-            // A patch of two sides stands for the nearer real surface: that of the point, or that which its ray meets.
-            if inside || 2.0 * hit.t < real[i].t {
-                from[i] = hit.t.next_up();
-            }
-        }
-    }
-    let before =
-        |(p, t): (&SurfacePoint, f32)| surface(p) + if t > 0.0 { (t + RAY_OFFSET) * p.normal } else { Vec3::ZERO };
-    points.iter().zip(from).map(before).collect()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ pub use edges::clear_of_walls;
 pub use gather::Senders;
 pub use index::PatchIndex;
 
-use gather::Lattice;
+use gather::Gather;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -37,8 +37,8 @@ pub struct Field<'a> {
     pub normals: &'a [Vec3],
     /// Cosine of the largest angle between the normals of a point and a patch.
     pub cos_threshold: f32,
-    /// What the rays of gathering points meet.
-    pub senders: Senders<'a>,
+    /// What the rays of gathering points meet; without it, points interpolate.
+    pub senders: Option<Senders<'a>>,
 }
 
 impl Field<'_> {
@@ -53,33 +53,37 @@ const CHUNK: usize = 64;
 /// Carries the field to `points`. Values are never negative. The result of a point depends on nothing but its
 /// position and normal; it is zero if these are not finite or the normal is not a unit vector.
 pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) -> Vec<Vec3> {
-    let gathers = matches!(method, Reconstruct::Gather | Reconstruct::Adaptive);
-    let lattice = gathers.then(|| Lattice::new(field.senders.rays, field.senders.seed));
+    let gather = match method {
+        Reconstruct::Gather | Reconstruct::Adaptive => {
+            field.senders.as_ref().map(|senders| Gather::new(field, senders))
+        }
+        Reconstruct::Smooth | Reconstruct::Nearest4 => None,
+    };
     points
         .par_chunks(CHUNK)
-        .flat_map_iter(|chunk| match (method, &lattice) {
+        .flat_map_iter(|chunk| match (method, &gather) {
             (Reconstruct::Nearest4, _) => chunk.iter().map(|p| nearest4::interpolate(field, p)).collect(),
-            (Reconstruct::Gather, Some(lattice)) => everywhere(field, lattice, chunk),
-            (Reconstruct::Adaptive, Some(lattice)) => where_asked(field, lattice, chunk),
+            (Reconstruct::Gather, Some(gather)) => everywhere(field, gather, chunk),
+            (Reconstruct::Adaptive, Some(gather)) => where_asked(field, gather, chunk),
             _ => smooth::interpolate(field, chunk).into_iter().map(|fit| fit.value).collect(),
         })
         .collect()
 }
 
 /// Gathers at every point, and interpolates where no ray starts in the open.
-fn everywhere(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Vec3> {
-    let gathered = gather::gather(field, lattice, points);
+fn everywhere(field: &Field, gather: &Gather, points: &[SurfacePoint]) -> Vec<Vec3> {
+    let gathered = gather.light(points);
     let lost: Vec<SurfacePoint> = points.iter().zip(&gathered).filter(|g| g.1.is_none()).map(|g| *g.0).collect();
     let mut instead = smooth::interpolate(field, &lost).into_iter();
     gathered.into_iter().map(|e| e.or_else(|| Some(instead.next()?.value)).unwrap_or_default()).collect()
 }
 
 /// Interpolates, and gathers where the fit is in doubt.
-fn where_asked(field: &Field, lattice: &Lattice, points: &[SurfacePoint]) -> Vec<Vec3> {
+fn where_asked(field: &Field, gather: &Gather, points: &[SurfacePoint]) -> Vec<Vec3> {
     let fits = smooth::interpolate(field, points);
     let asking: Vec<SurfacePoint> =
         points.iter().zip(&fits).filter(|(_, fit)| fit.is_doubtful()).map(|(p, _)| *p).collect();
-    let mut gathered = gather::gather(field, lattice, &asking).into_iter();
+    let mut gathered = gather.light(&asking).into_iter();
     fits.iter()
         .map(|fit| if fit.is_doubtful() { gathered.next().flatten().unwrap_or(fit.value) } else { fit.value })
         .collect()

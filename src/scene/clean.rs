@@ -42,6 +42,14 @@ pub struct Dropped {
     pub transparent: Vec<(String, usize)>,
 }
 
+impl Dropped {
+    /// Faces and triangles of all kinds.
+    pub fn total(&self) -> usize {
+        let transparent: usize = self.transparent.iter().map(|t| t.1).sum();
+        self.short_faces + self.not_finite + self.zero_area + self.duplicate + transparent
+    }
+}
+
 impl Builder {
     /// Cleans everything and decides on the sides of all surfaces.
     ///

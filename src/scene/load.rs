@@ -49,7 +49,15 @@ pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<(Scene, FileSetti
     let rule = overrides.sides.or(settings.sides).unwrap_or_default();
     let mut scene = builder.build(rule)?;
     if let Some(path) = overrides.proxy.as_ref().or(settings.proxy.as_ref()) {
-        scene.proxy = Some(Proxy::read(path, &scene)?);
+        let proxy = Proxy::read(path, &scene)?;
+        if proxy.dropped > 0 {
+            scene.warnings.push(format!(
+                "proxy {}: {} faces were left out: without area, not finite, transparent, or lying on others",
+                path.display(),
+                proxy.dropped
+            ));
+        }
+        scene.proxy = Some(proxy);
     }
     Ok((scene, settings))
 }

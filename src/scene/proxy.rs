@@ -20,6 +20,8 @@ pub struct Proxy {
     pub mesh: Vec<u32>,
     /// Names of the meshes.
     pub meshes: Vec<String>,
+    /// Faces of the file that were left out: without area, not finite, transparent, or lying on others.
+    pub dropped: usize,
 }
 
 /// A proxy may stand out of the scene's bounds by this share of their longest side.
@@ -59,12 +61,20 @@ impl Proxy {
             triangles: own.triangles.iter().map(|t| t.vertices).collect(),
             mesh: own.triangles.iter().map(|t| t.mesh).collect(),
             meshes: own.meshes,
+            dropped: own.dropped.total(),
         })
     }
 
     /// The error that triangle `t` makes; its corners are told in world coordinates.
     pub(crate) fn wrong(&self, scene: &Scene, t: usize, message: &str) -> Error {
-        let [a, b, c] = self.triangles[t].map(|v| scene.frame.to_world(self.positions[v as usize]).to_string());
+        // Local coordinates are good for seven digits.
+        let decimals = (6.0 - scene.frame.scale.log10().floor()).clamp(0.0, 17.0) as usize;
+        let [a, b, c] = self.triangles[t].map(|v| {
+            let p = scene.frame.to_world(self.positions[v as usize]);
+            // Without the sign of what rounds to zero.
+            let [x, y, z] = p.to_array().map(|x| if x.abs() < 0.5 * 0.1_f64.powi(decimals as i32) { 0.0 } else { x });
+            format!("({x:.decimals$} {y:.decimals$} {z:.decimals$})")
+        });
         let place = format!("mesh \"{}\", triangle {a}, {b}, {c}", self.meshes[self.mesh[t] as usize]);
         Error::input(&self.path, place, message)
     }

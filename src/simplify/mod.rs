@@ -54,9 +54,10 @@ pub struct Simplified {
 /// Makes the patches that `options` ask for; `tracer` holds the scene's own triangles.
 ///
 /// # Errors
-/// Those of [`decimated`] and [`proxy`].
+/// Those of [`decimated()`] and [`proxy()`]; [`crate::Error::Option`] for more patches than the memory holds.
 pub fn simplify(scene: &Scene, grid: Grid, options: &BakeOptions, tracer: &dyn RayTracer) -> Result<Simplified> {
     let target = options.target_patches;
+    size::check_target(target)?;
     match options.patches {
         PatchSource::Surfels => Ok(surfels(scene, grid, tracer)),
         PatchSource::Faces => Ok(faces(scene, grid, options.face_colour)),

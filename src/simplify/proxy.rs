@@ -1,5 +1,6 @@
 //! Patches of a hand-made simplified mesh.
 
+use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
@@ -7,10 +8,10 @@ use super::{
     feet::feet,
     triangles::{Mesh, points_of, simplified, visible_area},
 };
-use crate::{Error, Result, Scene, scene::Proxy, trace::RayTracer};
+use crate::{Error, Result, Scene, scene::SurfacePoint, trace::RayTracer};
 
-/// Points of a triangle that ask for the surfaces it stands for, on each axis.
-const SAMPLES: u32 = 3;
+/// Points of a triangle that tell which sides of it are real, on each axis.
+const VOTERS: u32 = 3;
 
 /// Cuts the triangles of the scene's proxy to about `target` patches, by default to the area of a voxel face. Each
 /// triangle fronts where the surfaces fronts that it stands for do, whatever its winding, and has two sides if they have.
@@ -24,45 +25,56 @@ pub fn proxy(scene: &Scene, grid: Grid, target: Option<u32>, tracer: &dyn RayTra
                 .into(),
         ));
     };
-    let sides: Result<Vec<Sides>> =
-        (0..proxy.triangles.len()).into_par_iter().map(|t| sides(scene, proxy, t, tracer)).collect();
     let mut mesh = Mesh { positions: proxy.positions.clone(), ..Mesh::default() };
-    for (&[a, b, c], sides) in proxy.triangles.iter().zip(sides?) {
-        mesh.triangles.push(if sides.turned { [a, c, b] } else { [a, b, c] });
-        mesh.two_sided.push(sides.two);
+    for (t, votes) in votes(scene, &proxy.positions, &proxy.triangles, tracer).into_iter().enumerate() {
+        let [a, b, c] = proxy.triangles[t];
+        if votes.front + votes.back + votes.two == 0 {
+            return Err(proxy.wrong(
+                scene,
+                t,
+                "is near no surface of the scene: move it to the surfaces that it stands for, or remove it",
+            ));
+        }
+        mesh.triangles.push(if votes.back > votes.front { [a, c, b] } else { [a, b, c] });
+        mesh.two_sided.push(votes.two > votes.front + votes.back);
     }
     let size = target.map_or(grid.voxel_size, |n| (visible_area(scene) / n as f64).sqrt()) as f32;
     Ok(simplified(scene, grid, mesh, size, tracer))
 }
 
-/// Which sides of a triangle of the proxy stand for real ones.
-struct Sides {
-    turned: bool,
-    two: bool,
+/// How many points of a triangle stand for surfaces of which side.
+#[derive(Clone, Copy, Debug, Default)]
+struct Votes {
+    /// One-sided surfaces that face as the triangle does.
+    front: u32,
+    /// One-sided surfaces that face the other way.
+    back: u32,
+    /// Surfaces of two sides.
+    two: u32,
 }
 
-/// By the votes of some points of the triangle.
-fn sides(scene: &Scene, proxy: &Proxy, t: usize, tracer: &dyn RayTracer) -> Result<Sides> {
-    let corners = proxy.triangles[t].map(|v| proxy.positions[v as usize]);
-    let points: Vec<_> = points_of(&corners, false, SAMPLES).collect();
-    let (mut front, mut back, mut two) = (0, 0, 0);
-    for (point, foot) in points.iter().zip(feet(scene, tracer, &points, true)) {
-        let Some(foot) = foot else { continue };
-        let real = foot.hit.triangle();
-        if scene.triangles[real].two_sided {
-            two += 1;
-        } else if scene.normal(real).dot(point.normal) >= 0.0 {
-            front += 1;
-        } else {
-            back += 1;
-        }
-    }
-    if front + back + two == 0 {
-        return Err(proxy.wrong(
-            scene,
-            t,
-            "is near no surface of the scene: move it to the surfaces that it stands for, or remove it",
-        ));
-    }
-    Ok(Sides { turned: back > front, two: two > front + back })
+/// Asks some points of every triangle for the nearest real surface.
+fn votes(scene: &Scene, positions: &[Vec3], triangles: &[[u32; 3]], tracer: &dyn RayTracer) -> Vec<Votes> {
+    triangles
+        .par_chunks(256)
+        .flat_map_iter(|chunk| {
+            let corners = chunk.iter().map(|t| t.map(|v| positions[v as usize]));
+            let points: Vec<SurfacePoint> = corners.flat_map(|c| points_of(&c, false, VOTERS)).collect();
+            let mut all = vec![Votes::default(); chunk.len()];
+            for (i, foot) in feet(scene, tracer, &points, true).into_iter().enumerate() {
+                let Some(foot) = foot else { continue };
+                let votes = &mut all[i / (VOTERS * VOTERS) as usize];
+                let t = foot.hit.triangle();
+                let of = if scene.triangles[t].two_sided {
+                    &mut votes.two
+                } else if scene.normal(t).dot(points[i].normal) >= 0.0 {
+                    &mut votes.front
+                } else {
+                    &mut votes.back
+                };
+                *of += 1;
+            }
+            all
+        })
+        .collect()
 }

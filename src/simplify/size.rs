@@ -79,6 +79,27 @@ pub fn check_rows(patches: usize, rays: u32, bytes_per_ray: f64) -> Result<()> {
     )))
 }
 
+/// Bytes a patch of a simplified mesh: before it is simplified, it has some five triangles for each.
+const TARGET_BYTES: f64 = 1200.0;
+
+/// Refuses to simplify a mesh to more patches than the memory holds.
+///
+/// # Errors
+/// [`Error::Option`] with the numbers and the remedy.
+pub(super) fn check_target(patches: Option<u32>) -> Result<()> {
+    let bytes = patches.unwrap_or(0) as f64 * TARGET_BYTES;
+    let memory = available_memory().unwrap_or(f64::INFINITY);
+    if bytes <= memory {
+        return Ok(());
+    }
+    Err(Error::Option(format!(
+        "{:.2e} target patches would take {:.1} GB of memory, and {:.1} GB are free; choose fewer --target-patches",
+        bytes / TARGET_BYTES,
+        bytes * 1e-9,
+        memory * 1e-9
+    )))
+}
+
 /// Memory that can be had without swapping, bytes; `None` where the system does not tell (`/proc/meminfo`).
 fn available_memory() -> Option<f64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
@@ -92,10 +113,12 @@ mod tests {
 
     #[test]
     fn rows_that_fit_no_machine_are_refused_with_the_numbers() {
-        assert!(check_rows(1000, 256, 3.0).is_ok());
+        assert!(check_rows(1000, 256, 3.0).is_ok() && check_target(None).is_ok() && check_target(Some(100)).is_ok());
         if available_memory().is_some() {
             let error = check_rows(1 << 40, 65536, 3.0).expect_err("too much").to_string();
             assert!(error.contains("65536 rays") && error.contains("--grid"), "{error}");
+            let error = check_target(Some(u32::MAX)).expect_err("too much").to_string();
+            assert!(error.contains("4.29e9 target patches") && error.contains("--target-patches"), "{error}");
         }
     }
 }

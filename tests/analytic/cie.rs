@@ -1,7 +1,7 @@
 //! Test cases of CIE 171:2006, as whole bakes.
 
 use glam::{DVec3, Vec3};
-use luxel::{BakeOptions, progress::Silent, scene::WorldLight};
+use luxel::{BakeOptions, options::Reconstruct, progress::Silent, scene::WorldLight};
 
 use crate::common::{Stage, World, faces, options, patch_mean, red, rotation, vertex_mean, worst};
 
@@ -181,6 +181,51 @@ fn cie_5_8_points_of_a_cube_turned_or_not() {
                 assert!(worst(&red(&light.direct), &direct) < 2e-4);
             }
         }
+    }
+}
+
+/// A final gather over a coarse grid: what is left of the voxels is their constant radiosity, seen from afar.
+#[test]
+fn cie_5_8_points_and_mean_by_final_gather() {
+    let (rho, expected) = (0.5, [112.04, 110.88, 107.78, 96.86, 86.42]);
+    let stage = cube(rho, true);
+    let gather = BakeOptions { reconstruct: Reconstruct::Gather, gather_rays: 4096, ..options(40, 1024) };
+    let bake = stage.bake(&gather);
+    let on_face = |axis: usize, side: f64, a: f64, b: f64| {
+        let mut p = DVec3::ZERO;
+        p[axis] = 2.0 * side;
+        p[(axis + 1) % 3] = a;
+        p[(axis + 2) % 3] = b;
+        stage.point(p.to_array(), (DVec3::AXES[axis] * -side).to_array())
+    };
+    let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.5, 1.5], [1.75, 1.75]];
+    let mut largest = 0.0_f64;
+    for (axis, side) in (0..3).flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {
+        let points: Vec<_> = places.iter().map(|[a, b]| on_face(axis, side, *a, *b)).collect();
+        largest = largest.max(worst(&red(&bake.irradiance_with(&points, 1, &Silent).indirect), &expected));
+    }
+    println!("CIE 5.8, points by gather, grid 40: largest error {:.3} %", 100.0 * largest);
+    assert!(largest < CYCLES_5_8, "{largest}");
+
+    // Midpoints of 20 x 20 cells of every face.
+    let cell = |k: usize| -2.0 + 4.0 * (k as f64 + 0.5) / 20.0;
+    let points: Vec<_> =
+        (0..2400).map(|i| on_face(i % 3, (i / 3 % 2) as f64 * 2.0 - 1.0, cell(i / 6 % 20), cell(i / 120))).collect();
+    let light = red(&bake.irradiance_with(&points, 1, &Silent).indirect);
+    let mean = light.iter().sum::<f64>() / 2400.0 / mean_indirect(rho as f64) - 1.0;
+    println!("CIE 5.8, mean by gather, grid 40: {:+.4} %", 100.0 * mean);
+    assert!(mean.abs() < CYCLES_5_8, "{mean}");
+}
+
+/// Bright patches send their first reflection by shadow rays; gathering rays that meet them must not count it again.
+#[test]
+fn cie_5_6_of_a_small_square_is_gathered_once() {
+    let wall = [0.246, 0.580, 0.644, 0.556, 0.433, 0.325];
+    let ceiling = [0.491, 0.639, 0.778, 0.864];
+    let gather = BakeOptions { reconstruct: Reconstruct::Gather, ..options(32, 256) };
+    let errors = one_bounce_errors(0.5, &gather, &wall, &ceiling);
+    for (error, expected) in errors.iter().zip(wall.iter().chain(&ceiling)) {
+        assert!(error.abs() < 0.0005 / expected + 5e-4, "{errors:.4?}");
     }
 }
 

@@ -3,7 +3,10 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
-use luxel::{BakeOptions, options::Primary};
+use luxel::{
+    BakeOptions,
+    options::{PatchSource, Primary, Reconstruct},
+};
 
 use crate::common::{Stage, World, faces, options, rotation};
 
@@ -69,10 +72,27 @@ fn a_white_furnace_of_voxel_faces_glows_evenly() {
     check("sphere of faces", ball, faces(options(8, 256)));
 }
 
+/// Edge collapse keeps closed meshes closed. Clusters fold where walls meet, if not along the axes: turned cubes leak.
+#[test]
+fn a_white_furnace_of_simplified_meshes_glows_evenly() {
+    let decimated = BakeOptions { patches: PatchSource::Decimated, ..options(8, 256) };
+    check("cube turned, decimated", turned_cube, decimated.clone());
+    check("sphere, decimated", ball, decimated);
+    check("cube, clustered", cube, BakeOptions { patches: PatchSource::Clustered, ..options(8, 256) });
+}
+
 /// The whole way to the vertices: irradiance M / (1 - rho) there too, the constant being in the span of every fit.
 #[test]
 fn a_white_furnace_lights_every_vertex_evenly() {
-    for (what, options) in [("surfels", options(8, 256)), ("faces", faces(options(8, 256)))] {
+    let by = |reconstruct, options| BakeOptions { reconstruct, gather_rays: 64, ..options };
+    for (what, options) in [
+        ("surfels", options(8, 256)),
+        ("faces", faces(options(8, 256))),
+        ("surfels, gather", by(Reconstruct::Gather, options(8, 256))),
+        ("surfels, adaptive", by(Reconstruct::Adaptive, options(8, 256))),
+        ("faces, gather", by(Reconstruct::Gather, faces(options(8, 256)))),
+        ("decimated", BakeOptions { patches: PatchSource::Decimated, ..options(8, 256) }),
+    ] {
         let bake = turned_cube(0.9).build().bake(&BakeOptions { primary: Primary::Radiosity, ..options });
         let expected = PI / (1.0 - 0.9_f32 as f64);
         let all = bake.vertices.direct.iter().zip(&bake.vertices.indirect).map(|(d, i)| (d.x + i.x) as f64);
