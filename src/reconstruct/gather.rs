@@ -116,8 +116,8 @@ impl<'a> Gather<'a> {
     /// The light that arrives at each point from the patches that its rays meet; `None` where no ray starts in the
     /// open.
     ///
-    /// E = mean of the exitance met, over cosine-distributed rays. Rays onto the inside of an object are dropped, as in
-    /// the rows of form factors. The result depends on nothing but position and normal of the point.
+    /// E = mean of the exitance met, over cosine-distributed rays. Backs are black, or hide the point if most rays meet
+    /// them: these are dropped. The result depends on nothing but position and normal of the point.
     pub fn light(&self, points: &[SurfacePoint]) -> Vec<Option<Vec3>> {
         let mut scratch = Scratch::default();
         let light = |(p, origin): (&SurfacePoint, Vec3)| {
@@ -133,18 +133,24 @@ impl<'a> Gather<'a> {
         s.hits.clear();
         s.hits.resize(s.rays.len(), Hit::NONE);
         self.senders.tracer.closest_hits(&s.rays, &mut s.hits);
-        let (mut sum, mut valid) = (glam::DVec3::ZERO, 0u32);
+        let (mut sum, mut valid, mut backs) = (glam::DVec3::ZERO, 0u32, 0u32);
         for hit in &s.hits {
             if !hit.is_hit() {
                 valid += !self.senders.closed as u32;
                 continue;
             }
             let patch = self.patch(hit);
-            if patch != NO_PATCH {
+            if patch == NO_PATCH {
+                backs += 1;
+            } else {
                 sum += self.senders.exitance[patch as usize].as_dvec3();
                 valid += 1;
             }
         }
+        // A point in the open meets the backs of sheets, which are black; one that stands off its surface, or inside of
+        // an object, meets what its own surface hides.
+        let open = !self.senders.displaced && backs < valid;
+        let valid = if open { valid + backs } else { valid };
         (valid > 0).then(|| (sum / valid as f64).as_vec3().min(Vec3::MAX))
     }
 

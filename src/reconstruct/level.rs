@@ -11,7 +11,7 @@ use crate::simplify::{Simplified, clip::point_at, normal_of};
 ///
 /// Points and patches look for each other from slightly above their surface. Every surface near is a piece of a patch,
 /// but for dust that clipping leaves out; so where all patches near are parallel to a point's surface and none rises
-/// above it, nothing hides one of them.
+/// above it, nothing hides those that lie level with it.
 #[derive(Debug, Default)]
 pub struct Level {
     /// How far, in voxels, a patch reaches to either side of its centroid, along its normal; infinite if it is not flat.
@@ -57,6 +57,11 @@ impl Level {
     /// Whether patch `j`, of this normal and with its centroid at `to` from a point, lies below the rays of that point.
     pub(super) fn is_below(&self, j: usize, n: Vec3, to: Vec3, normal: Vec3) -> bool {
         n.dot(normal).abs() >= PARALLEL && to.dot(normal) / self.voxel_size + self.depth[j] <= RISE
+    }
+
+    /// Whether a patch with its centroid at `to` from a point lies no deeper than the point, if it is below its rays.
+    pub(super) fn is_level(&self, to: Vec3, normal: Vec3) -> bool {
+        to.dot(normal) / self.voxel_size >= -RISE
     }
 
     pub(super) fn count(&self, cast: usize, spared: usize) {

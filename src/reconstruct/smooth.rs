@@ -105,6 +105,7 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
         // Dust in the corners of rooms sees less clearly than whole patches, and stands for less.
         let share = patches.area[j] / (patches.area[j] + DUST * h * h);
         let weight = (1.0 - distance * distance).powi(2) * (1.0 - step * step).powi(2) * share;
+        clear = clear && field.level.is_level(to, point.normal);
         out.push(Neighbour { patch: j as u32, weight });
     });
     let own = &mut out[begin..];
