@@ -5,12 +5,7 @@
 
 use std::path::Path;
 
-use luxel::{
-    BakeOptions, Scene, bake,
-    progress::Silent,
-    report::Report,
-    scene::{self, SceneOverrides},
-};
+use luxel::{BakeOptions, Scene, bake, bench::SUITE, progress::Silent, report::Report, scene};
 
 const SCENES: [&str; 2] = ["scenes/cornell.toml", "../shared/scenes/godot_room/room.glb"];
 const ROUNDS: usize = 3;
@@ -31,7 +26,8 @@ fn main() {
 }
 
 fn measure(path: &Path) -> luxel::Result<()> {
-    let scene: Scene = scene::load(path, &SceneOverrides::default())?.0;
+    let added = SUITE.iter().find(|scene| path.ends_with(scene.file)).map(|scene| scene.overrides());
+    let scene: Scene = scene::load(path, &added.unwrap_or_default())?.0;
     let (mut one, mut two, mut both) = (Vec::new(), Vec::new(), Vec::new());
     // In turns, so that what else the machine does falls on all alike.
     for _ in 0..ROUNDS {

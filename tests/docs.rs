@@ -67,8 +67,9 @@ fn help(arguments: &[&str]) -> String {
 }
 
 /// Options of cargo and its kin that the documents speak of.
-const FOREIGN: [&str; 11] = [
+const FOREIGN: [&str; 12] = [
     "--all-targets",
+    "--bench",
     "--example",
     "--features",
     "--lib",

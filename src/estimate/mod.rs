@@ -5,9 +5,9 @@
 //! variance of one. **Discretisation**: patches have one radiosity each, and light between them is interpolated. The
 //! same system is solved again on patches of twice the size, made by averaging its own rows, so that both solutions
 //! have nearly the same noise; what they differ by at the vertices tells what the patches of the bake cost
-//! ([`coarse`]).
+//! (`coarse.rs`).
 //!
-//! Both are taken at some of the vertices ([`chosen`]) and then told of all by local means ([`Local`]).
+//! Both are taken at some of the vertices and then told of all by local means (`local.rs`).
 
 use glam::Vec3;
 
