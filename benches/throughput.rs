@@ -7,12 +7,14 @@
 use std::{path::Path, time::Instant};
 
 use luxel::{
-    options::{Backend, Resolution},
+    BakeOptions,
+    bench::SUITE,
+    options::Backend,
     progress::Silent,
-    scene::{self, SceneOverrides},
-    simplify::{self, Grid, Simplified},
+    scene,
+    simplify::Simplified,
     trace::{self, Geometry, Hit, RayBatch, RayTracer},
-    transfer::{self, Emitter, PointSets},
+    transfer::{self, Emitter, Plan, PointSets},
 };
 use rayon::prelude::*;
 
@@ -40,7 +42,7 @@ fn main() {
             _ => true,
         })
         .collect();
-    println!("| scene | triangles | patches | tracer | bare | batch | stage | stage / bare (asked) |");
+    println!("| scene | triangles | rows | tracer | bare | batch | stage | stage / bare (asked) |");
     println!("|-|-|-|-|-|-|-|-|");
     let scenes: Vec<(&str, f64, Option<f64>)> = if given.is_empty() {
         SCENES.to_vec()
@@ -108,20 +110,25 @@ impl Tracer {
 
 /// Prints a line for each backend; returns the rates of their batches.
 fn measure(path: &Path, backends: &[Backend], asked: f64) -> luxel::Result<Vec<f64>> {
-    let scene = scene::load(path, &SceneOverrides::default())?.0;
+    let added = SUITE.iter().find(|scene| path.ends_with(scene.file)).map(|scene| scene.overrides());
+    let scene = scene::load(path, &added.unwrap_or_default())?.0;
     let tracers: Vec<Tracer> =
         backends.iter().map(|&b| Tracer::new(b, &scene.geometry())).collect::<luxel::Result<_>>()?;
-    let simplified = simplify::surfels(&scene, Grid::new(&scene, Resolution::Grid(64))?, tracers[0].get());
-    let patches = simplified.patches.len();
+    // The rows that a bake casts.
+    let options = BakeOptions { backend: backends[0], rays: 16, estimate: false, ..BakeOptions::default() };
+    let bake = luxel::bake(&scene, &options, &Silent)?;
+    let (simplified, reached) = (&bake.simplified, &bake.light.reached);
+    let unreached: Vec<bool> = reached.iter().map(|r| !r).collect();
+    let rows: Vec<u32> = (0..reached.len() as u32).filter(|&i| reached[i as usize]).collect();
+    let plan = Plan { start: reached, outer: &unreached, ..Plan::default() };
     let mut rates = Vec::new();
     for tracer in &tracers {
         let (mut bare, mut batch, mut stage) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
-            let lit = vec![true; patches];
             let begun = Instant::now();
-            let estimate = transfer::estimate(&simplified, tracer.get(), &lit, true, RAYS, 0, &Silent);
+            let estimate = transfer::estimate_plan(simplified, tracer.get(), &plan, RAYS, 0, &Silent);
             stage.push(estimate.rays as f64 / begun.elapsed().as_secs_f64() * 1e-6);
-            let (without, with) = alone(&simplified, tracer);
+            let (without, with) = alone(simplified, &rows, tracer);
             bare.extend(without);
             batch.push(with);
         }
@@ -133,9 +140,10 @@ fn measure(path: &Path, backends: &[Backend], asked: f64) -> luxel::Result<Vec<f
             (format!("{bare:.1}"), format!("{:.2} ({asked:.2})", stage / bare))
         };
         println!(
-            "| {} | {} | {patches} | {} | {bare} | {batch:.1} | {stage:.1} | {share} |",
+            "| {} | {} | {} | {} | {bare} | {batch:.1} | {stage:.1} | {share} |",
             scene.name,
             scene.triangles.len(),
+            rows.len(),
             tracer.get().name(),
         );
         rates.push(batch);
@@ -143,10 +151,9 @@ fn measure(path: &Path, backends: &[Backend], asked: f64) -> luxel::Result<Vec<f
     Ok(rates)
 }
 
-/// Mrays/s of the bare loop, where there is one, and of the backend's batches, over the rays of all patches. Rays are
+/// Mrays/s of the bare loop, where there is one, and of the backend's batches, over the rays of `rows`. Rays are
 /// made for a few patches at a time and only tracing is timed: they are as near in the caches as in the stage.
-fn alone(simplified: &Simplified, tracer: &Tracer) -> (Option<f64>, f64) {
-    let patches: Vec<u32> = (0..simplified.patches.len() as u32).collect();
+fn alone(simplified: &Simplified, rows: &[u32], tracer: &Tracer) -> (Option<f64>, f64) {
     let sets = PointSets::new(RAYS as usize, 0);
     let working = || (Emitter::default(), vec![RayBatch::default(); CHUNK], vec![Hit::NONE; RAYS as usize]);
     let timed = |(emitter, batches, hits): &mut (Emitter, Vec<RayBatch>, Vec<Hit>), chunk: &[u32]| {
@@ -162,11 +169,11 @@ fn alone(simplified: &Simplified, tracer: &Tracer) -> (Option<f64>, f64) {
         std::hint::black_box(hits);
         (has_bare, bare, begun.elapsed().as_secs_f64())
     };
-    let (has_bare, bare, batch) = patches
+    let (has_bare, bare, batch) = rows
         .par_chunks(CHUNK)
         .map_init(working, timed)
         .reduce(|| (true, 0.0, 0.0), |a, b| (a.0 && b.0, a.1 + b.1, a.2 + b.2));
-    let mrays = (patches.len() as u64 * RAYS as u64) as f64 * 1e-6 * rayon::current_num_threads() as f64;
+    let mrays = (rows.len() as u64 * RAYS as u64) as f64 * 1e-6 * rayon::current_num_threads() as f64;
     (has_bare.then_some(mrays / bare), mrays / batch)
 }
 

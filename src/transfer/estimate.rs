@@ -292,6 +292,9 @@ struct Scratch {
     /// Hits of every patch, of the sky and of the insides of objects.
     tally: Tally,
     entries: Vec<(u32, u32)>,
+    /// Rays that look again from where others met backs, and their hits.
+    turned: RayBatch,
+    found: Vec<Hit>,
 }
 
 impl<'a> Caster<'a> {
@@ -431,13 +434,14 @@ impl<'a> Caster<'a> {
 
     /// Counts the hits of patch `i` into a new row of `block`, and leaves them in `s.entries`.
     fn count(&self, i: u32, s: &mut Scratch, block: &mut Block) {
-        let Scratch { hits, cells, patches, tally, entries, rays, .. } = s;
         let n = self.simplified.patches.len() as u32;
+        let Scratch { hits, cells, patches, .. } = s;
         self.simplified.hit_map.patches(&self.simplified.fragments, hits, cells, patches);
-        if patches.contains(&NO_PATCH) {
-            let free = self.beside_backs(i, rays, |k| patches[k] == NO_PATCH);
-            free.into_iter().for_each(|k| patches[k] = NOTHING);
+        let backs = patches.iter().filter(|&&j| j == NO_PATCH).count();
+        if backs > 0 && backs < patches.len() {
+            self.acquit(i, s);
         }
+        let Scratch { hits, patches, tally, entries, .. } = s;
         // What is no patch comes behind the patches: n + (j - NOTHING).
         patches.iter_mut().for_each(|j| *j = (*j).min(n.wrapping_add(j.wrapping_sub(NOTHING))));
         tally.add(patches);
@@ -452,13 +456,13 @@ impl<'a> Caster<'a> {
         block.push(entries, Row { patch: i, valid: hits.len() as u32 - hidden, escaped, hidden, end: 0 });
     }
 
-    /// Of the rays of patch `i` that met backs, `met`, those that started in the open, beside a sheet: two of their
-    /// three quarter turns about the patch's normal meet no back. Inside and behind solids nearly all do.
-    fn beside_backs(&self, i: u32, rays: &RayBatch, met: impl Fn(usize) -> bool) -> Vec<usize> {
+    /// Lets those rays of patch `i` escape that met backs, but started in the open, beside a sheet: two of their three
+    /// quarter turns about the patch's normal meet no back. Inside and behind solids nearly all do.
+    fn acquit(&self, i: u32, s: &mut Scratch) {
+        let Scratch { rays, patches, turned, found, .. } = s;
         let normal = self.simplified.patches.normal[i as usize];
-        let doubtful: Vec<usize> = (0..rays.len()).filter(|&k| met(k)).collect();
-        let mut turned = RayBatch::with_capacity(3 * doubtful.len());
-        for &k in &doubtful {
+        turned.clear();
+        for k in (0..rays.len()).filter(|&k| patches[k] == NO_PATCH) {
             let d = rays.direction(k);
             let up = d.dot(normal) * normal;
             let (along, across) = (d - up, normal.cross(d));
@@ -466,10 +470,14 @@ impl<'a> Caster<'a> {
                 turned.push(rays.origin(k), up + turn, 0.0, f32::INFINITY);
             }
         }
-        let mut hits = vec![Hit::NONE; turned.len()];
-        self.tracer.closest_hits(&turned, &mut hits);
-        let open = |hits: &[Hit]| hits.iter().filter(|h| !h.is_hit() || self.patch(h).is_some_and(|j| j != i)).count();
-        doubtful.into_iter().zip(hits.chunks_exact(3)).filter(|(_, hits)| open(hits) >= 2).map(|(k, _)| k).collect()
+        found.resize(turned.len(), Hit::NONE);
+        self.tracer.closest_hits(turned, found);
+        let free = |h: &&Hit| !h.is_hit() || self.patch(h).is_some_and(|j| j != i);
+        for (patch, turns) in patches.iter_mut().filter(|j| **j == NO_PATCH).zip(found.chunks_exact(3)) {
+            if turns.iter().filter(free).count() >= 2 {
+                *patch = NOTHING;
+            }
+        }
     }
 
     fn take(&self) -> Scratch {
