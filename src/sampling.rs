@@ -54,3 +54,13 @@ pub fn triangle(u: f32, v: f32) -> (f32, f32) {
     let half = 0.5 * u.min(v);
     (u - half, v - half)
 }
+
+/// The step of running sums that holds share `u` of the whole, and where in it, both from 0.
+pub fn step_of(sums: &[f64], u: f64) -> (usize, f64) {
+    let last = sums.len() - 1;
+    let target = u * sums[last];
+    let i = sums.partition_point(|&s| s <= target).min(last);
+    let below = if i == 0 { 0.0 } else { sums[i - 1] };
+    let width = sums[i] - below;
+    (i, if width > 0.0 { ((target - below) / width).clamp(0.0, 1.0) } else { 0.5 })
+}

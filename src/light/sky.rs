@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Quat, Vec3};
 
-use crate::scene::light::Environment;
+use crate::{sampling, scene::light::Environment};
 
 /// Radiance of directions that meet no surface.
 #[derive(Clone, Debug, Default)]
@@ -109,8 +109,8 @@ impl Map {
 
     /// A direction with density in proportion to luminance, and its texel.
     pub fn sample(&self, u: f32, v: f32) -> (Vec3, usize) {
-        let (y, fy) = pick(&self.rows, v as f64);
-        let (x, fx) = pick(&self.columns[y * self.width..][..self.width], u as f64);
+        let (y, fy) = sampling::step_of(&self.rows, v as f64);
+        let (x, fx) = sampling::step_of(&self.columns[y * self.width..][..self.width], u as f64);
         let azimuth = TAU * (x as f64 + fx) / self.width as f64 - PI;
         let (top, bottom) = (polar_cosine(y, self.height), polar_cosine(y + 1, self.height));
         let cos = top + (bottom - top) * fy;
@@ -132,16 +132,6 @@ fn polar_cosine(row: usize, height: usize) -> f64 {
 /// Height of a row on the unit sphere (Archimedes: area = height x azimuth).
 fn row_height(y: usize, height: usize) -> f64 {
     polar_cosine(y, height) - polar_cosine(y + 1, height)
-}
-
-/// The step of running sums `cdf` that holds fraction `u` of the whole, and where in it, both from 0.
-fn pick(cdf: &[f64], u: f64) -> (usize, f64) {
-    let last = cdf.len() - 1;
-    let target = u * cdf[last];
-    let i = cdf.partition_point(|&c| c <= target).min(last);
-    let below = if i == 0 { 0.0 } else { cdf[i - 1] };
-    let width = cdf[i] - below;
-    (i, if width > 0.0 { ((target - below) / width).clamp(0.0, 1.0) } else { 0.5 })
 }
 
 #[cfg(test)]

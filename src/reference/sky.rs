@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Quat, Vec3};
 
-use crate::scene::light::Environment;
+use crate::{sampling, scene::light::Environment};
 
 /// Rows of cells at most; columns are twice as many.
 const MOST_ROWS: usize = 256;
@@ -79,8 +79,8 @@ impl Map {
 
     /// A direction, with density in proportion to the light of its cell; and that density, 1/sr.
     pub fn sample(&self, u: f32, v: f32) -> (Vec3, f32) {
-        let (row, down) = find(&self.down, v as f64);
-        let (column, along) = find(&self.along[row * self.columns..][..self.columns], u as f64);
+        let (row, down) = sampling::step_of(&self.down, v as f64);
+        let (column, along) = sampling::step_of(&self.along[row * self.columns..][..self.columns], u as f64);
         let azimuth = TAU * (column as f64 + along) / self.columns as f64 - PI;
         let (top, bottom) = (polar_cosine(row, self.rows), polar_cosine(row + 1, self.rows));
         let cos = top + (bottom - top) * down;
@@ -109,16 +109,6 @@ fn step(x: f64, n: usize) -> usize {
 
 fn polar_cosine(row: usize, rows: usize) -> f64 {
     (PI * row as f64 / rows as f64).cos()
-}
-
-/// The step of running sums that holds share `u` of the whole, and where in it.
-fn find(sums: &[f64], u: f64) -> (usize, f64) {
-    let last = sums.len() - 1;
-    let target = u * sums[last];
-    let i = sums.partition_point(|&s| s <= target).min(last);
-    let below = if i == 0 { 0.0 } else { sums[i - 1] };
-    let width = sums[i] - below;
-    (i, if width > 0.0 { ((target - below) / width).clamp(0.0, 1.0) } else { 0.5 })
 }
 
 #[cfg(test)]
