@@ -55,6 +55,7 @@
 #![warn(missing_docs)]
 
 pub mod error;
+pub mod lock;
 pub mod options;
 pub mod progress;
 pub mod quality;

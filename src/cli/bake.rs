@@ -18,7 +18,7 @@ use luxel::{
         report::{PreviewRecord, Record, peak_memory_bytes, summary},
         tonemap::ToneMap,
     },
-    progress::Progress,
+    progress::{self, Progress},
     report::Stage,
     scene::Camera,
     simplify::patch_mesh,
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = &job.scene;
     let goal = args.bake.goal(&args.goals);
     let running = &args.bake.running;
-    let staged = Staged::open(&args.output)?;
+    let staged = Staged::open_alone(&args.output, "luxel bake")?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
         let mut bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> Result<()> {
             (camera, pixels)
         });
         progress.begin("output", 0);
-        write(args, &job, &mut bake, picture, staged)?;
+        write(args, &job, &mut bake, picture, staged, &progress)?;
         progress.end();
         Ok(bake)
     })?;
@@ -122,17 +122,22 @@ fn write(
     bake: &mut Bake,
     picture: Option<(Camera, Preview)>,
     mut staged: Staged,
+    progress: &dyn Progress,
 ) -> Result<()> {
     let begun = Instant::now();
+    let go_on = || progress::go_on(progress, "output");
     let scene = &job.scene;
     let voxel_size = bake.report.counts.voxel_size;
+    go_on()?;
     staged.write("vertices.ply", |out| {
         ply::write_vertices(out, &bake.mesh, &bake.vertices, bake.error.as_ref(), &scene.frame, voxel_size)
     })?;
+    go_on()?;
     let lit = LitMesh::new(scene, &bake.mesh, &bake.vertices);
     let exposed = |automatic: ToneMap| args.picture.exposure.map_or(automatic, |exposure| ToneMap { exposure });
     let tone = exposed(lit.tone());
     staged.write("lit.glb", |out| lit.write(out, scene, tone))?;
+    go_on()?;
     let stand_in = match job.options.patches {
         PatchSource::Surfels | PatchSource::Faces => None,
         PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => Some(patch_mesh(&bake.simplified)),
@@ -158,6 +163,7 @@ fn write(
             ("4-combined.png", &preview.combined),
         ];
         for (name, pixels) in pictures {
+            go_on()?;
             staged.write(name, |out| png::write(out, preview.width, preview.height, pixels, tone))?;
         }
         staged.write_path("preview.exr", |path| {
@@ -170,5 +176,6 @@ fn write(
     let command: Vec<String> = std::env::args().collect();
     let record = Record { command: &command, scene: &scene.name, report: &bake.report, preview: record };
     staged.write("bake.json", |out| record.write(out))?;
+    go_on()?;
     staged.commit().map(drop)
 }
