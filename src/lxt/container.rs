@@ -8,6 +8,7 @@ use std::{
 
 use bytes::Bytes;
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
 
 use super::{
     layout::{END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned},
@@ -117,6 +118,29 @@ impl Container {
             Some(&i) => self.payload(i),
             None => Err(self.wrong(kind, number, &format!("is missing: {REMEDY}"))),
         }
+    }
+
+    /// The value that [`Writer::value`](super::Writer::value) wrote as block `number` of `kind`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the block if it is not there, not what its checksum says, or holds something else.
+    pub fn value<T: DeserializeOwned>(&self, kind: Name, number: u64) -> Result<T> {
+        let payload = self.block(kind, number)?;
+        match postcard::take_from_bytes(&payload) {
+            Ok((value, [])) => Ok(value),
+            Ok((_, rest)) => Err(self.wrong(kind, number, &format!("has {} bytes too many: {REMEDY}", rest.len()))),
+            Err(e) => Err(self.wrong(kind, number, &format!("cannot be understood ({e}): {REMEDY}"))),
+        }
+    }
+
+    /// The value that [`Writer::json`](super::Writer::json) wrote as block `number` of `kind`.
+    ///
+    /// # Errors
+    /// As of [`Container::value`].
+    pub fn json<T: DeserializeOwned>(&self, kind: Name, number: u64) -> Result<T> {
+        let payload = self.block(kind, number)?;
+        let not = |e| self.wrong(kind, number, &format!("cannot be understood ({e}): {REMEDY}"));
+        serde_json::from_slice(&payload).map_err(not)
     }
 
     /// Compares all blocks with their checksums, on all threads: a long computation should not find at its end that

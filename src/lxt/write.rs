@@ -5,6 +5,8 @@ use std::{
     path::Path,
 };
 
+use serde::Serialize;
+
 use super::layout::{ALIGNMENT, END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned};
 use crate::{Error, Result, output::atomic::Staged};
 
@@ -49,6 +51,31 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
+    /// Adds the block `number` of `kind` with `value` in postcard's wire format.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn value(&mut self, kind: Name, number: u64, value: &impl Serialize) -> io::Result<()> {
+        self.pad()?;
+        let mut payload = Payload { out: &mut self.out, hasher: blake3::Hasher::new(), length: 0, error: None };
+        let written = postcard::to_io(value, &mut payload).map(drop);
+        let Payload { hasher, length, error, .. } = payload;
+        // The serialiser forgets what the output said.
+        error.map_or(Ok(()), Err)?;
+        written.map_err(io::Error::other)?;
+        self.at += length;
+        self.table.push(Entry { kind, number, length, hash: hasher.finalize().into() });
+        Ok(())
+    }
+
+    /// Adds the block `number` of `kind` with `value` in JSON: what other versions shall be able to read.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn json(&mut self, kind: Name, number: u64, value: &impl Serialize) -> io::Result<()> {
+        self.block(kind, number, &[&serde_json::to_vec_pretty(value)?])
+    }
+
     /// Writes the table, and returns the output.
     ///
     /// # Errors
@@ -67,6 +94,35 @@ impl<W: Write> Writer<W> {
         let next = aligned(self.at).ok_or_else(|| io::Error::other("the file would be too long"))?;
         self.out.write_all(&[0; ALIGNMENT as usize][..(next - self.at) as usize])?;
         self.at = next;
+        Ok(())
+    }
+}
+
+/// A payload on its way to the file.
+struct Payload<'a, W> {
+    out: &'a mut W,
+    hasher: blake3::Hasher,
+    length: u64,
+    error: Option<io::Error>,
+}
+
+impl<W: Write> Write for Payload<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.write_all(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.hasher.update(bytes);
+        self.length += bytes.len() as u64;
+        self.out.write_all(bytes).map_err(|e| {
+            let kind = e.kind();
+            self.error.get_or_insert(e);
+            kind.into()
+        })
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
 }
