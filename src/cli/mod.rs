@@ -18,6 +18,7 @@ mod parse;
 mod points;
 mod progress;
 mod reference;
+mod results;
 mod selftest;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.

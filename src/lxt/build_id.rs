@@ -2,9 +2,14 @@
 
 use std::{fmt, sync::LazyLock};
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::trace::RayTracer;
+use crate::{
+    Result,
+    options::Backend,
+    trace::{self, Geometry, RayTracer},
+};
 
 /// What two processes must have in common for their parts of one bake to fit together to the bit.
 ///
@@ -41,6 +46,15 @@ impl BuildId {
             instruction_set: tracer.instruction_set(),
             mathematics: MATHEMATICS.clone(),
         }
+    }
+
+    /// This process, with the ray tracer that `backend` asks for.
+    ///
+    /// # Errors
+    /// Those of [`trace::build`].
+    pub fn of(backend: Backend) -> Result<BuildId> {
+        let triangle = Geometry { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]] };
+        Ok(BuildId::new(&*trace::build(backend, &triangle)?))
     }
 
     /// Names what differs, e.g. `instruction set AVX-512 there, AVX2 here`; `None` if nothing does.
@@ -94,7 +108,7 @@ static MATHEMATICS: LazyLock<String> = LazyLock::new(|| {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trace::{Brute, Geometry};
+    use crate::trace::Brute;
 
     #[test]
     fn the_same_build_has_no_difference_and_others_are_named() {
