@@ -77,6 +77,7 @@ pub mod compare;
 pub mod estimate;
 pub mod forecast;
 pub mod goal;
+pub mod lxt;
 pub mod output;
 pub mod reference;
 pub mod selftest;

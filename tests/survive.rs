@@ -121,7 +121,7 @@ fn of_two_bakes_into_one_folder_the_second_is_told_of_the_first() {
     let second = bake(&out, &quick).output().unwrap();
     let says = words(&second);
     assert_eq!(second.status.code(), Some(1), "{says}");
-    assert!(says.contains(&format!("in use by luxel bake, process {} on ", first.id())), "{says}");
+    assert!(says.contains(&format!("in use by luxel, process {} on ", first.id())), "{says}");
     // A killed process holds nothing, and what it left is swept.
     send(&first, KILL);
     assert_eq!(first.wait().unwrap().signal(), Some(KILL));

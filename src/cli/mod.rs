@@ -19,6 +19,7 @@ mod parse;
 mod points;
 mod progress;
 mod reference;
+mod results;
 mod selftest;
 mod signals;
 
