@@ -41,13 +41,7 @@ const ORDER: f64 = 1.25;
 const LIFT: f32 = 100.0;
 
 /// Noise and discretisation error of a field at `points`.
-pub(super) fn variance(
-    bake: &Bake,
-    coarse: &Coarse,
-    field: &Field,
-    points: &[SurfacePoint],
-    again: &Rows,
-) -> Variance {
+pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[SurfacePoint], again: &Rows) -> Variance {
     let light = coarse.light(bake, field);
     let rows = row_noise(bake, field, again);
     let mut variance = interpolated(bake, coarse, field, &light, points, &rows);
@@ -130,8 +124,7 @@ pub fn again(patches: usize, seed: u64) -> Vec<u32> {
 /// Variance of the irradiance of rows: some are cast again, and meet the radiosity that is known.
 fn row_noise(bake: &Bake, field: &Field, rows: &Rows) -> Local {
     let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
-    let picked: Vec<u32> =
-        again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
+    let picked: Vec<u32> = again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
     let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
     let casting = Casting {
         simplified: &bake.simplified,
