@@ -40,6 +40,7 @@ pub struct SplitMesh {
 }
 
 /// A corner of a fragment's side.
+#[derive(Clone, Copy, Default)]
 struct Corner {
     position: Vec3,
     normal: Vec3,
@@ -63,10 +64,7 @@ pub fn split_mesh(
 ) -> SplitMesh {
     let sides: Vec<(usize, usize)> =
         (0..fragments.len()).flat_map(|f| [(f, 0), (f, 1)]).filter(|&(f, side)| wanted(f, side)).collect();
-    let corners: Vec<Corner> = sides
-        .par_chunks(1024)
-        .flat_map_iter(|chunk| chunk.iter().flat_map(|&(f, side)| fragment_corners(scene, fragments, f, side)))
-        .collect();
+    let corners = all_corners(scene, fragments, &sides);
     let (shared, count) = weld(&corners, |c| (c.position, c.normal));
     let vertex_of = separate(&corners, shared, count, voxel_size, scene, tracer);
 
@@ -101,6 +99,25 @@ pub fn split_mesh(
         first += n;
     }
     mesh
+}
+
+/// Corners of all sides, in their order. They are written to their places at once: they are the largest thing that a bake
+/// holds, and a second copy would be its peak of memory.
+fn all_corners(scene: &Scene, fragments: &Fragments, sides: &[(usize, usize)]) -> Vec<Corner> {
+    let count = |sides: &[(usize, usize)]| sides.iter().map(|&(f, _)| fragments.uv(f).len()).sum::<usize>();
+    let mut corners = vec![Corner::default(); count(sides)];
+    let mut rest = &mut corners[..];
+    let mut parts = Vec::new();
+    for chunk in sides.chunks(1024) {
+        let (part, others) = std::mem::take(&mut rest).split_at_mut(count(chunk));
+        parts.push((chunk, part));
+        rest = others;
+    }
+    parts.into_par_iter().for_each(|(chunk, part)| {
+        let made = chunk.iter().flat_map(|&(f, side)| fragment_corners(scene, fragments, f, side));
+        part.iter_mut().zip(made).for_each(|(place, corner)| *place = corner);
+    });
+    corners
 }
 
 /// Corners of one side; those of the back run the other way round.
