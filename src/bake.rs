@@ -16,6 +16,7 @@ mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod outlook;
 mod prepared;
 mod skipped;
 mod vertices;
@@ -109,6 +110,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
+    run.keeper.begin(&mut kept.rows, &|| outlook::outlook(scene, &casting, &lit, options, progress))?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let (estimate, primary, bright) = loop {
         let estimate = needs.estimate(&casting, &lit, &mut kept.rows, run.keeper, progress)?;

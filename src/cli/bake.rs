@@ -4,6 +4,7 @@ use luxel::Result;
 
 use super::{
     args::{BakeArgs, Goals},
+    keeper::Memory,
     progress::{Style, Terminal},
     results::Results,
 };
@@ -14,6 +15,8 @@ pub struct Args {
     results: Results,
     #[command(flatten)]
     goals: Goals,
+    #[command(flatten)]
+    memory: Memory,
     #[command(flatten)]
     bake: BakeArgs,
 }
@@ -26,7 +29,9 @@ pub fn run(args: &Args) -> Result<()> {
     let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let mut bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
+        let mut keeper = args.memory.keeper(args.results.folder(), args.results.pixels());
+        let mut bake = luxel::goal::bake_to_kept(scene, &job.options, &goal, &mut keeper, &progress)?;
+        bake.report.foretold_memory_bytes = keeper.foretold();
         args.results.write(scene, &mut bake, staged, &progress)?;
         Ok(bake)
     })?;

@@ -15,6 +15,7 @@ mod bake;
 mod bench;
 mod check;
 mod compare;
+mod keeper;
 mod parse;
 mod points;
 mod progress;

@@ -1,6 +1,9 @@
 //! The results of a bake: pictures and files, the same whatever command made them.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use glam::DVec3;
 use luxel::{
@@ -84,6 +87,17 @@ impl Results {
         write(&self.picture, scene, bake, picture, staged, progress)?;
         progress.end();
         Ok(())
+    }
+
+    /// Where the results go.
+    pub fn folder(&self) -> &Path {
+        &self.output
+    }
+
+    /// Pixels of each picture; 0 if none are made.
+    pub fn pixels(&self) -> u64 {
+        let (width, height) = self.picture.preview_size;
+        if self.picture.no_preview { 0 } else { width as u64 * height as u64 }
     }
 
     /// Tells a terminal of the bake and where its files are.
