@@ -73,6 +73,24 @@ pub fn simplify(scene: &Scene, grid: Grid, options: &BakeOptions, tracer: &dyn R
     }
 }
 
+/// Patches that were made of `scene`'s surfaces before, in the colours that these have now.
+///
+/// # Errors
+/// Those of [`simplify`].
+pub(crate) fn coloured(
+    mut simplified: Simplified,
+    scene: &Scene,
+    options: &BakeOptions,
+    tracer: &dyn RayTracer,
+) -> Result<Simplified> {
+    if options.patches != PatchSource::Surfels {
+        // The shape of these patches costs no more than their colours.
+        return simplify(scene, simplified.grid, options, tracer);
+    }
+    surfels::colour(&mut simplified, scene);
+    Ok(simplified)
+}
+
 impl Simplified {
     /// Corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [Vec3; 3] {
