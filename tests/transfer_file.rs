@@ -251,6 +251,21 @@ fn a_transfer_file_without_a_block_or_with_swapped_ones_names_it() {
     }
 }
 
+#[test]
+fn a_file_of_another_build_is_refused_by_name() {
+    let mut blocks = small();
+    let (kind, _, identity) = &mut blocks[0];
+    assert_eq!(*kind, Name::new("identity"));
+    let mut json: serde_json::Value = serde_json::from_slice(identity).unwrap();
+    let here = json["build"]["instruction_set"].as_str().unwrap().to_string();
+    json["build"]["instruction_set"] = "AVX-9".into();
+    json["build"]["tracer"] = "embree 9.9.9".into();
+    *identity = serde_json::to_vec(&json).unwrap();
+    let told = read(assembled(&blocks), false).unwrap_err().to_string();
+    assert!(told.contains("was made by luxel ") && told.contains("ray tracer embree 9.9.9 there, "), "{told}");
+    assert!(told.ends_with(&format!("instruction set AVX-9 there, {here} here): make it anew")), "{told}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 

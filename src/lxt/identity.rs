@@ -1,15 +1,22 @@
 //! What rows depend on, as hashes.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
 use super::BuildId;
-use crate::{BakeOptions, Error, Result, Scene, options::PatchSource};
+use crate::{
+    BakeOptions, Error, Result, Scene,
+    options::{Backend, PatchSource},
+};
 
 /// What parts of one bake must have in common: which build made them, of which surfaces.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// The build.
     pub build: BuildId,
+    /// The ray tracer that was asked for.
+    pub backend: Backend,
     /// Hash of the surfaces: see [`Identity::surfaces`].
     pub surfaces: String,
 }
@@ -20,7 +27,21 @@ impl Identity {
     /// # Errors
     /// Those of [`BuildId::of`].
     pub fn new(scene: &Scene, options: &BakeOptions) -> Result<Identity> {
-        Ok(Identity { build: BuildId::of(options.backend)?, surfaces: Identity::surfaces(scene) })
+        let backend = options.backend;
+        Ok(Identity { build: BuildId::of(backend)?, backend, surfaces: Identity::surfaces(scene) })
+    }
+
+    /// Whether this process would compute the same bits.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the file `path` that this is the identity of: what differs, by name.
+    pub fn check_build(&self, path: &Path) -> Result<()> {
+        let other = |what: String| {
+            let message = format!("was made by {}, and the bits would differ ({what}): make it anew", self.build);
+            Error::input(path, "", message)
+        };
+        let here = BuildId::of(self.backend).map_err(|e| other(e.to_string()))?;
+        self.build.difference(&here).map_or(Ok(()), |difference| Err(other(difference)))
     }
 
     /// Hash of all that patches and rows depend on in a scene, hexadecimal: corners and sides of the triangles, and the

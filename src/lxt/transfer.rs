@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{
-    BuildId, Container, Identity, Name, Writer,
+    Container, Identity, Name, Writer,
     rows::{self, AGAIN, ROWS},
     simplified, source, stencils,
     write::{folder_of, write_file},
@@ -92,15 +92,9 @@ impl Transfer {
     /// As of [`Transfer::open`].
     pub fn of(file: Container) -> Result<Transfer> {
         let identity: Identity = file.json(IDENTITY, 0)?;
-        let options: BakeOptions = file.value(OPTIONS, 0)?;
-        if let Some(difference) = identity.build.difference(&BuildId::of(options.backend)?) {
-            return Err(Error::input(
-                file.path(),
-                "",
-                format!("another build made it, and the bits would differ ({difference}): prepare the scene again"),
-            ));
-        }
+        identity.check_build(file.path())?;
         file.verify()?;
+        let options = file.value(OPTIONS, 0)?;
         let source = source::read(&file)?;
         Ok(Transfer { file, identity, options, source })
     }
