@@ -32,7 +32,7 @@ use skipped::Found;
 ///
 /// # Errors
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
-/// for options without sense or voxels too small for the memory.
+/// for options without sense or voxels too small for the memory, [`Error::Interrupted`] if `progress` asks to stop.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
     bake_with(scene, options, &mut Kept::default(), &mut Run { progress, keeper: &mut (), deadline: None })
 }
@@ -56,7 +56,7 @@ pub fn bake_with(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mu
     if !scene.has_light() {
         return Err(Error::Scene(scene.no_light_message()));
     }
-    let mut clock = Clock::new(run.deadline);
+    let mut clock = Clock::new(run.deadline, run.progress);
     let prepared = Prepared::new(scene, options, kept, &mut clock)?;
     light(prepared, options, kept, run, clock)
 }
@@ -69,7 +69,7 @@ pub fn bake_with(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mu
 pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut Run) -> Result<u64> {
     check(scene, options)?;
     kept.marked = true;
-    let mut clock = Clock::new(run.deadline);
+    let mut clock = Clock::new(run.deadline, run.progress);
     let prepared = Prepared::new(scene, options, kept, &mut clock)?;
     let rays = prepared.cast(options, kept, run.keeper, run.progress)?;
     kept.stencils = Some(prepared.stencils(options, &kept.rows));

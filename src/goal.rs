@@ -135,6 +135,7 @@ impl Search<'_> {
             };
             let found = match self.step(setting, Some(expected), deadline) {
                 Ok(found) => found,
+                Err(error @ Error::Interrupted(_)) => return Err(error),
                 // What was baked before is there still.
                 Err(error) => break error.to_string(),
             };

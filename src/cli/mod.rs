@@ -8,6 +8,7 @@ use std::{
 };
 
 use clap::{Parser, Subcommand};
+use luxel::Error;
 
 mod args;
 mod bake;
@@ -18,12 +19,14 @@ mod parse;
 mod points;
 mod progress;
 mod reference;
+mod results;
 mod selftest;
+mod signals;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
 /// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked, 101 a bug of
-/// luxel.
+/// luxel, 130 and 143 ended by SIGINT and SIGTERM.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -60,6 +63,10 @@ pub fn main() -> ExitCode {
     // Usage errors end here, with code 2.
     let cli = Cli::parse();
     let last_words = remember_panics();
+    if let Err(error) = signals::install() {
+        // The work can be done; it ends less gently.
+        complain(&format!("signals cannot be caught: {error}"));
+    }
     // Nothing of the unwound state is used again.
     let result = panic::catch_unwind(AssertUnwindSafe(|| match &cli.command {
         Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
@@ -73,6 +80,10 @@ pub fn main() -> ExitCode {
     match result {
         Ok(Ok(code)) => code,
         Ok(Err(error)) => {
+            if let (Error::Interrupted(_), Some(signal)) = (&error, signals::caught()) {
+                complain(&signals::message(signal));
+                return ExitCode::from(signals::code(signal));
+            }
             complain(&error.to_string());
             ExitCode::FAILURE
         }

@@ -1,7 +1,9 @@
 //! The geometry simplification: surfaces are cut by voxels and the pieces grouped into patches (steps 1-4 of the
 //! paper).
 
+mod check;
 pub mod clip;
+mod colour;
 mod decimated;
 mod faces;
 mod feet;
@@ -17,6 +19,7 @@ mod surfels;
 mod triangles;
 mod weld;
 
+pub(crate) use check::check;
 pub use clip::{Fragments, NO_PATCH, clip};
 pub use decimated::{Method, decimated};
 pub use faces::faces;

@@ -115,7 +115,12 @@ pub(super) fn points_of(corners: &[Vec3; 3], back: bool, side: u32) -> impl Iter
 }
 
 /// Mean colours of the real surfaces that the patches stand for.
-fn colours(scene: &Scene, geometry: &Geometry, groups: &[Vec<u32>], tracer: &dyn RayTracer) -> Vec<Colour> {
+pub(super) fn colours(
+    scene: &Scene,
+    geometry: &Geometry,
+    groups: &[impl AsRef<[u32]> + Sync],
+    tracer: &dyn RayTracer,
+) -> Vec<Colour> {
     let plain = mean_albedo(scene);
     let count = (SAMPLES * SAMPLES) as usize;
     groups
@@ -124,6 +129,7 @@ fn colours(scene: &Scene, geometry: &Geometry, groups: &[Vec<u32>], tracer: &dyn
             let points: Vec<SurfacePoint> = chunk
                 .iter()
                 .flat_map(|group| {
+                    let group = group.as_ref();
                     points_of(&super::corners(geometry, (group[0] >> 1) as usize), group[0] & 1 == 1, SAMPLES)
                 })
                 .collect();

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     Result,
-    progress::Progress,
+    progress::{self, Progress},
     sampling,
     simplify::{NO_PATCH, Simplified, hit_map::NOTHING},
     trace::{Hit, RayBatch, RayTracer},
@@ -43,7 +43,7 @@ pub struct Casting<'a> {
 /// Casts those rows of `patches` that `rows` does not have; how many rays that took.
 ///
 /// # Errors
-/// Those of `keeper`; what was cast until then is in `rows`.
+/// Those of `keeper`, and [`Error::Interrupted`](crate::Error::Interrupted); what was cast until then is in `rows`.
 pub fn cast(
     casting: &Casting,
     patches: &[u32],
@@ -55,6 +55,7 @@ pub fn cast(
     let mut cast = 0;
     progress.begin("form factors", patches.len() as u64);
     for slice in caster.slices(patches) {
+        progress::go_on(progress, "form factors")?;
         cast += caster.add(slice, &[], None, rows, keeper)?;
         progress.advance(slice.len() as u64);
     }

@@ -9,7 +9,12 @@ use super::{
     cast::{Caster, Casting, Probe, Seen},
     rows::{RowKeeper, Rows, View},
 };
-use crate::{Result, progress::Progress, simplify::Simplified, trace::RayTracer};
+use crate::{
+    Result,
+    progress::{self, Progress},
+    simplify::Simplified,
+    trace::RayTracer,
+};
 
 /// Form factors and what was learnt on the way.
 pub struct Estimate {
@@ -59,6 +64,9 @@ const SEEN_LITTLE: u32 = 64;
 /// Rays that meet the back of a one-sided surface started hidden and are dropped; unless they started in the open,
 /// beside the back of a sheet, which lets no light out.
 ///
+/// # Errors
+/// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
+///
 /// # Accuracy
 /// The standard error of F_ij is at most sqrt(F (1 - F) / rays). Same seed, same bits, on any number of threads.
 pub fn estimate(
@@ -69,18 +77,18 @@ pub fn estimate(
     rays: u32,
     seed: u64,
     progress: &dyn Progress,
-) -> Estimate {
+) -> Result<Estimate> {
     let casting = Casting { simplified, tracer, outer: &[], rays, seed, again: 0, marked: false };
     let plan = Plan { start: lit, all, ..Plan::default() };
     let mut rows = Rows::new(simplified.patches.len());
-    estimate_plan(&casting, &plan, &mut rows, &mut (), progress).expect("nothing that can fail keeps the rows")
+    estimate_plan(&casting, &plan, &mut rows, &mut (), progress)
 }
 
 /// As [`estimate`], of the rows that `plan` asks for. Those that `rows` has are taken from there, the others are cast
 /// and put there; which of them were known makes no difference to the result.
 ///
 /// # Errors
-/// Those of `keeper`.
+/// Those of `keeper`, and [`Error::Interrupted`](crate::Error::Interrupted).
 pub fn estimate_plan(
     casting: &Casting,
     plan: &Plan,
@@ -106,6 +114,7 @@ pub fn estimate_plan(
             // What reached patches see gets a row next.
             let sees = |i: u32| plan.backwards || reached[i as usize];
             for slice in caster.slices(&wave) {
+                progress::go_on(progress, "form factors")?;
                 cast += caster.add(slice, &few, Some(Seen { by: &sees, marks: &met }), rows, keeper)?;
                 progress.advance(slice.len() as u64);
             }
