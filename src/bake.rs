@@ -110,6 +110,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
         )));
     }
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
+    let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {
         let estimate = needs.estimate(&casting, &lit, &mut kept.rows, run.keeper, progress)?;
         row_rays += estimate.rays;
@@ -185,7 +186,8 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
         clock.stop("estimate")?;
     }
 
-    let work = Work { solution, row_rays, visibility, rows_seconds, lamps, found };
+    let rows_cast = kept.rows.blocks()[blocks_before..].iter().map(|block| block.rows.len()).sum();
+    let work = Work { solution, row_rays, visibility, rows_seconds, rows_cast, lamps, found };
     bake.report = measure::report(scene, &bake, work, clock);
     (bake.report.error, bake.error) = error.unzip();
     Ok(bake)

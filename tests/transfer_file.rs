@@ -8,12 +8,16 @@ use std::{
 use glam::{DVec3, Vec3};
 use luxel::{
     BakeOptions, Error,
-    lxt::{Container, Name, Writer, simplified, source},
+    bake::{self, Kept, Run},
+    lxt::{Container, Identity, Name, Transfer, Writer, rows, simplified, source},
     options::{PatchSource, Resolution},
+    progress::Silent,
     scene::{Builder, RawMaterial, RawMesh, SceneOverrides, SidesRule, Source, Texture, WorldLight},
     simplify::{self, Grid, Simplified},
     trace,
+    transfer::{BlockWriter, Row, View},
 };
+use proptest::prelude::*;
 
 const PURPOSE: Name = Name::new("test");
 
@@ -92,7 +96,7 @@ fn told(s: &Simplified) -> String {
 }
 
 #[test]
-fn patches_of_every_kind_come_back_with_their_colours() {
+fn patches_of_every_kind_come_back() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.obj");
     let proxy = Some(path.with_file_name("cornell_proxy.obj"));
     let (scene, _) = luxel::scene::load(&path, &SceneOverrides { proxy, ..SceneOverrides::default() }).unwrap();
@@ -103,11 +107,13 @@ fn patches_of_every_kind_come_back_with_their_colours() {
         let grid = Grid::new(&scene, options.resolution).unwrap();
         let made = simplify::simplify(&scene, grid, &options, &*tracer).unwrap();
         let file = written(|w| simplified::write(w, &made, &options));
-        let kept = simplified::read(&file, &scene, &options, &*tracer).unwrap();
+        let mut kept = simplified::read(&file, &scene, &options).unwrap();
+        // Colours are those of the scene that is baked.
+        (kept.patches.albedo, kept.patches.emitted) = (made.patches.albedo.clone(), made.patches.emitted.clone());
         assert_eq!(told(&kept), told(&made), "{patches:?}");
         // Another grid is not what was asked for.
         let other = BakeOptions { resolution: Resolution::Grid(13), ..options };
-        let error = simplified::read(&file, &scene, &other, &*tracer).err().unwrap().to_string();
+        let error = simplified::read(&file, &scene, &other).err().unwrap().to_string();
         assert!(error.contains("block grid 0: is not the grid of the scene"), "{error}");
     }
 }
@@ -143,10 +149,138 @@ fn patches_that_do_not_fit_together_are_refused() {
         let mut wrong = simplify::simplify(&scene, grid, &options, &*tracer).unwrap();
         change(&mut wrong);
         let file = written(|w| simplified::write(w, &wrong, &options));
-        match simplified::read(&file, &scene, &options, &*tracer) {
+        match simplified::read(&file, &scene, &options) {
             Err(Error::Input { message: told, .. }) => assert!(told.contains(message), "{told} (expected: {message})"),
             Err(other) => panic!("{other}"),
             Ok(_) => panic!("nobody noticed: {message}"),
         }
+    }
+}
+
+#[test]
+fn the_bytes_are_those_of_the_documentation() {
+    let mut block = BlockWriter::default();
+    let entries = [(2, 1), (130, 3), (400, 300)];
+    block.push(&entries, Row { patch: 7, valid: 310, escaped: 6, hidden: 2, view: View::Outside, ..Row::default() });
+    block.mark(&entries, &[(130, 1)]);
+    let block = block.finish();
+    let file = written(|w| {
+        rows::write(w, rows::ROWS, 5, &block)?;
+        w.value(Name::new("grid"), 0, &Grid { origin: DVec3::X, voxel_size: 0.5, dims: [1, 300, 3] })?;
+        w.value(Name::new("options"), 0, &BakeOptions { only: vec!["a".into()], ..BakeOptions::default() })
+    });
+    let u32s = |numbers: &[u32]| numbers.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>();
+    let head = u32s(&[1, 10, 1, 0]);
+    let row = u32s(&[7, 310, 6, 2, 10, 1, 2]);
+    // Steps 2, 128 and 270; counts 1, 3, and 300 announced by 255.
+    let coded = [&[2, 1][..], &[0x80, 1, 3], &[0x8e, 2, 255, 0xac, 2]].concat();
+    assert_eq!(*file.block(rows::ROWS, 5).unwrap(), [&head[..], &row, &coded, &[0b010]].concat());
+    let grid = [&1.0_f64.to_le_bytes()[..], &[0; 16], &0.5_f64.to_le_bytes(), &[1, 0xac, 2, 3]].concat();
+    assert_eq!(*file.block(Name::new("grid"), 0).unwrap(), grid);
+    let options = [
+        // Grid of 64, surfels, no target, 256 rays, smooth, 1024, direct, auto, normalised.
+        &[0, 64, 0, 0, 0x80, 2, 0, 0x80, 8, 0, 0, 0][..],
+        &60.0_f32.to_le_bytes(),
+        &[64, 32],
+        &1e-6_f64.to_le_bytes(),
+        // Seed 0, skip, one mesh, estimate.
+        &[0, 1, 1, 1, b'a', 1],
+    ];
+    assert_eq!(*file.block(Name::new("options"), 0).unwrap(), options.concat());
+}
+
+/// The transfer file of a small scene, block by block.
+fn small() -> Vec<(Name, u64, Vec<u8>)> {
+    let mut builder = Builder::new("tent");
+    let material = builder.add_material(RawMaterial::default());
+    let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
+    let triangles = vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]];
+    builder.add_mesh(RawMesh { name: "tent".into(), positions, triangles, material, ..RawMesh::default() });
+    builder.add_light(WorldLight::Sky { radiance: Vec3::ONE });
+    let source = Source::new(builder, SidesRule::Two);
+    let options = BakeOptions { resolution: Resolution::Grid(2), rays: 16, ..BakeOptions::default() };
+    let (scene, mut kept) = (source.clone().build().unwrap(), Kept::default());
+    let mut run = Run { progress: &Silent, keeper: &mut (), deadline: None };
+    bake::prepare(&scene, &options, &mut kept, &mut run).unwrap();
+    let identity = Identity::new(&scene, &options).unwrap();
+    let mut writer = Writer::new(Vec::new(), Transfer::PURPOSE).unwrap();
+    Transfer::fill(&mut writer, &identity, &source, &options, &kept).unwrap();
+    let file = Container::of_bytes(Path::new("x"), writer.finish().unwrap().into(), Transfer::PURPOSE).unwrap();
+    file.names().map(|(kind, n)| (kind, n, file.block(kind, n).unwrap().to_vec())).collect()
+}
+
+/// A file of these blocks, with checksums that fit.
+fn assembled(blocks: &[(Name, u64, Vec<u8>)]) -> Vec<u8> {
+    let mut writer = Writer::new(Vec::new(), Transfer::PURPOSE).unwrap();
+    blocks.iter().for_each(|(kind, number, payload)| writer.block(*kind, *number, &[payload]).unwrap());
+    writer.finish().unwrap()
+}
+
+/// Reads all of a transfer file, and lights it if `light`.
+fn read(bytes: Vec<u8>, light: bool) -> luxel::Result<()> {
+    let transfer = Transfer::of(Container::of_bytes(Path::new("x"), bytes.into(), Transfer::PURPOSE)?)?;
+    let scene = transfer.scene(&SceneOverrides::default(), false)?;
+    let mut kept = transfer.kept(&scene)?;
+    if light {
+        let mut run = Run { progress: &Silent, keeper: &mut (), deadline: None };
+        let bake = bake::bake_with(&scene, transfer.options(), &mut kept, &mut run)?;
+        assert_eq!(bake.report.rows.cast, 0);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_transfer_file_without_a_block_or_with_swapped_ones_names_it() {
+    let blocks = small();
+    read(assembled(&blocks), true).unwrap();
+    for i in 0..blocks.len() {
+        let mut without = blocks.clone();
+        let (kind, ..) = without.remove(i);
+        // Rows that are not there are cast: nothing is lost but time.
+        if kind != rows::ROWS && kind != rows::AGAIN {
+            let told = read(assembled(&without), false).unwrap_err().to_string();
+            assert!(told.contains(&format!("block {kind} 0: is missing")), "{told}");
+        }
+        for j in (0..i).filter(|&j| blocks[j].2 != blocks[i].2) {
+            let mut swapped = blocks.clone();
+            swapped[i].2.clone_from(&blocks[j].2);
+            swapped[j].2.clone_from(&blocks[i].2);
+            let result = read(assembled(&swapped), false);
+            assert!(matches!(result, Err(Error::Input { .. })), "{} for {}", blocks[i].0, blocks[j].0);
+        }
+    }
+}
+
+#[test]
+fn a_file_of_another_build_is_refused_by_name() {
+    let mut blocks = small();
+    let (kind, _, identity) = &mut blocks[0];
+    assert_eq!(*kind, Name::new("identity"));
+    let mut json: serde_json::Value = serde_json::from_slice(identity).unwrap();
+    let here = json["build"]["instruction_set"].as_str().unwrap().to_string();
+    json["build"]["instruction_set"] = "AVX-9".into();
+    json["build"]["tracer"] = "embree 9.9.9".into();
+    *identity = serde_json::to_vec(&json).unwrap();
+    let told = read(assembled(&blocks), false).unwrap_err().to_string();
+    assert!(told.contains("was made by luxel ") && told.contains("ray tracer embree 9.9.9 there, "), "{told}");
+    assert!(told.ends_with(&format!("instruction set AVX-9 there, {here} here): make it anew")), "{told}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    /// What a hostile writer could do: payloads that are wrong, checksums that fit.
+    #[test]
+    fn wrong_payloads_are_refused_or_harmless(block in 0usize..64, bits in prop::collection::vec(0usize..1 << 20, 1..4)) {
+        static SMALL: std::sync::LazyLock<Vec<(Name, u64, Vec<u8>)>> = std::sync::LazyLock::new(small);
+        let mut blocks = SMALL.clone();
+        let i = block % blocks.len();
+        let payload = &mut blocks[i].2;
+        for bit in bits {
+            let bit = bit % (payload.len() * 8);
+            payload[bit / 8] ^= 1 << (bit % 8);
+        }
+        // Anything but a panic.
+        let _ = read(assembled(&blocks), false);
     }
 }

@@ -6,7 +6,7 @@ use crate::{
     Error, Result, Scene,
     light::LampPower,
     progress::{self, Progress},
-    report::{Counts, Energy, Rays, Report, RowSums, Solver, Stage},
+    report::{Counts, Energy, Rays, Report, RowCounts, RowSums, Solver, Stage},
     skip,
     solve::Solution,
     transfer::FormFactors,
@@ -61,6 +61,8 @@ pub(super) struct Work {
     /// Shadow rays to patches.
     pub visibility: u64,
     pub rows_seconds: f64,
+    /// Rows that were cast.
+    pub rows_cast: usize,
     /// Power of the lamps, W / scale^2.
     pub lamps: LampPower,
     pub found: Found,
@@ -93,6 +95,13 @@ pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Re
             form_factors: work.row_rays,
             form_factor_mrays_per_second: work.row_rays as f64 / work.rows_seconds * 1e-6,
             visibility: work.visibility,
+        },
+        rows: RowCounts {
+            used: (0..f.len()).filter(|&i| f.has_row(i)).count(),
+            rays: f.all_rays(),
+            cast: work.rows_cast,
+            from: None,
+            kept_in: None,
         },
         energy: energy(bake, &work.lamps, scene.frame.scale),
         row_sums: row_sums(f),

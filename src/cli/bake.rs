@@ -1,6 +1,8 @@
 //! `luxel bake`.
 
-use luxel::Result;
+use std::path::PathBuf;
+
+use luxel::{Result, bake::Run, lxt::Cache};
 
 use super::{
     args::{BakeArgs, Goals},
@@ -12,6 +14,10 @@ use super::{
 pub struct Args {
     #[command(flatten)]
     results: Results,
+    /// Folder of rows from earlier bakes: those of the same surfaces with the same settings are used again, whatever the
+    /// lights and albedos, and new ones are added
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["target_error", "budget"])]
+    cache: Option<PathBuf>,
     #[command(flatten)]
     goals: Goals,
     #[command(flatten)]
@@ -23,10 +29,17 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = &job.scene;
     let goal = args.bake.goal(&args.goals);
     let running = &args.bake.running;
+    let cache = args.cache.as_deref().map(Cache::open).transpose()?;
     let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let mut bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
+        let mut bake = match &cache {
+            Some(cache) => {
+                let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+                cache.bake(scene, &job.options, &mut run)?
+            }
+            None => luxel::bake_to(scene, &job.options, &goal, &progress)?,
+        };
         args.results.write(scene, &mut bake, staged, &progress)?;
         Ok(bake)
     })?;

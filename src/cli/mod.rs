@@ -17,8 +17,10 @@ mod check;
 mod compare;
 mod parse;
 mod points;
+mod prepare;
 mod progress;
 mod reference;
+mod relight;
 mod results;
 mod selftest;
 mod signals;
@@ -38,6 +40,10 @@ struct Cli {
 enum Command {
     /// Bake a scene: light of vertices and patches, pictures, a report
     Bake(bake::Args),
+    /// Compute once what no light or albedo changes, and keep it in a transfer file
+    Prepare(prepare::Args),
+    /// Bake the scene of a transfer file with other lights and albedos, without casting a form-factor ray
+    Relight(relight::Args),
     /// Tell what a scene holds and what a bake would take, without tracing a ray
     Check(check::Args),
     /// Irradiance at given points
@@ -70,6 +76,8 @@ pub fn main() -> ExitCode {
     // Nothing of the unwound state is used again.
     let result = panic::catch_unwind(AssertUnwindSafe(|| match &cli.command {
         Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Prepare(args) => prepare::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Relight(args) => relight::run(args).map(|()| ExitCode::SUCCESS),
         Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
         Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
         Command::Reference(args) => reference::run(args).map(|()| ExitCode::SUCCESS),

@@ -104,9 +104,14 @@ impl Container {
         &self.path
     }
 
+    /// Kinds and numbers of all blocks, in the order of the file.
+    pub fn names(&self) -> impl Iterator<Item = (Name, u64)> {
+        self.blocks.iter().map(|b| (b.entry.kind, b.entry.number))
+    }
+
     /// Numbers of the blocks of `kind`, in the order of the file.
     pub fn numbers(&self, kind: Name) -> impl Iterator<Item = u64> {
-        self.blocks.iter().map(|b| b.entry).filter(move |e| e.kind == kind).map(|e| e.number)
+        self.names().filter(move |name| name.0 == kind).map(|name| name.1)
     }
 
     /// The payload of block `number` of `kind`: a part of the mapped file, at a multiple of 64 bytes.

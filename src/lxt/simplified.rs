@@ -10,7 +10,7 @@ use crate::{
     BakeOptions, Result, Scene,
     options::PatchSource,
     simplify::{self, Fragments, Grid, HitMap, Patches, Simplified},
-    trace::{Geometry, RayTracer},
+    trace::Geometry,
 };
 
 const GRID: Name = Name::new("grid");
@@ -31,12 +31,12 @@ pub fn write<W: Write>(out: &mut Writer<W>, simplified: &Simplified, options: &B
     out.value(PATCHES, 0, &simplified.patches)
 }
 
-/// Reads what [`write`] wrote of a scene with this geometry and these options; `tracer` holds the scene's triangles.
+/// Reads what [`write`] wrote of a scene with this geometry and these options; the patches have no colours yet.
 ///
 /// # Errors
 /// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if what is read does not fit together, or not the
 /// scene.
-pub fn read(file: &Container, scene: &Scene, options: &BakeOptions, tracer: &dyn RayTracer) -> Result<Simplified> {
+pub fn read(file: &Container, scene: &Scene, options: &BakeOptions) -> Result<Simplified> {
     let grid: Grid = file.value(GRID, 0)?;
     if grid != Grid::new(scene, options.resolution)? {
         return Err(file.wrong(GRID, 0, "is not the grid of the scene in this file"));
@@ -47,7 +47,5 @@ pub fn read(file: &Container, scene: &Scene, options: &BakeOptions, tracer: &dyn
     let patches: Patches = file.value(PATCHES, 0)?;
     simplify::check(&grid, &geometry, &fragments, &patches).map_err(|e| file.wrong(PATCHES, 0, &e))?;
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
-    let mut simplified = Simplified { grid, geometry, fragments, patches, hit_map };
-    simplified.colour(scene, options, tracer);
-    Ok(simplified)
+    Ok(Simplified { grid, geometry, fragments, patches, hit_map })
 }

@@ -127,6 +127,11 @@ impl<W: Write> Write for Payload<'_, W> {
     }
 }
 
+/// The folder of a file.
+pub(super) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// Writes the file `path` whole or not at all; its folder is made if it is missing.
 ///
 /// # Errors
@@ -138,8 +143,7 @@ pub fn write_file(
 ) -> Result<()> {
     let name = path.file_name().and_then(|name| name.to_str());
     let name = name.ok_or_else(|| Error::io(path, io::Error::other("is no name of a file")))?;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut staged = Staged::open(folder)?;
+    let mut staged = Staged::open(folder_of(path))?;
     staged.write(name, |out| {
         let mut writer = Writer::new(out, purpose)?;
         fill(&mut writer)?;

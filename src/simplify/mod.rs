@@ -3,7 +3,6 @@
 
 mod check;
 pub mod clip;
-mod colour;
 mod decimated;
 mod faces;
 mod feet;
@@ -83,11 +82,14 @@ pub(crate) fn coloured(
     options: &BakeOptions,
     tracer: &dyn RayTracer,
 ) -> Result<Simplified> {
-    if options.patches != PatchSource::Surfels {
+    match options.patches {
+        PatchSource::Surfels => surfels::colour(&mut simplified, scene),
         // The shape of these patches costs no more than their colours.
-        return simplify(scene, simplified.grid, options, tracer);
+        PatchSource::Faces => return simplify(scene, simplified.grid, options, tracer),
+        PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => {
+            triangles::colour(&mut simplified, scene, tracer);
+        }
     }
-    surfels::colour(&mut simplified, scene);
     Ok(simplified)
 }
 

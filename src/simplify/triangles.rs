@@ -114,8 +114,17 @@ pub(super) fn points_of(corners: &[Vec3; 3], back: bool, side: u32) -> impl Iter
     })
 }
 
+/// Gives patches the mean colours of the surfaces of `scene` that they stand for.
+pub(super) fn colour(simplified: &mut Simplified, scene: &Scene, tracer: &dyn RayTracer) {
+    let Simplified { geometry, patches, .. } = simplified;
+    let groups: Vec<&[u32]> = (0..patches.len()).map(|i| patches.members(i)).collect();
+    let colours = colours(scene, geometry, &groups, tracer);
+    patches.albedo = colours.iter().map(|c| c.albedo).collect();
+    patches.emitted = colours.iter().map(|c| c.emitted).collect();
+}
+
 /// Mean colours of the real surfaces that the patches stand for.
-pub(super) fn colours(
+fn colours(
     scene: &Scene,
     geometry: &Geometry,
     groups: &[impl AsRef<[u32]> + Sync],
@@ -134,13 +143,13 @@ pub(super) fn colours(
                 })
                 .collect();
             let found = feet(scene, tracer, &points, false);
-            found.chunks_exact(count).map(|feet| colour(scene, feet, plain)).collect::<Vec<_>>()
+            found.chunks_exact(count).map(|feet| mean_colour(scene, feet, plain)).collect::<Vec<_>>()
         })
         .collect()
 }
 
 /// The mean over the feet of a patch; `plain` where there are none.
-fn colour(scene: &Scene, feet: &[Option<Foot>], plain: Vec3) -> Colour {
+fn mean_colour(scene: &Scene, feet: &[Option<Foot>], plain: Vec3) -> Colour {
     let (mut albedo, mut emitted, mut found) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for foot in feet.iter().flatten() {
         let t = foot.hit.triangle();
