@@ -16,13 +16,16 @@ mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod outline;
 mod outlook;
 mod prepared;
 mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
+pub use outline::{Outline, outline};
 pub use prepared::Kept;
+pub(crate) use prepared::ROWS_A_BLOCK;
 
 use exchange::Exchange;
 use measure::{Clock, Work};

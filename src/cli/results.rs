@@ -63,6 +63,11 @@ struct Picture {
 }
 
 impl Results {
+    /// Where the results go.
+    pub fn place(&self) -> &Path {
+        &self.output
+    }
+
     /// Makes the folder, proves that files can be written in it, and keeps other processes out of it.
     ///
     /// # Errors
