@@ -16,12 +16,15 @@ mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod outline;
 mod prepared;
 mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
+pub use outline::{Outline, outline};
 pub use prepared::Kept;
+pub(crate) use prepared::ROWS_A_BLOCK;
 
 use exchange::Exchange;
 use measure::{Clock, Work};

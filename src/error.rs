@@ -48,6 +48,14 @@ pub enum Error {
     /// named; it has no result.
     #[error("interrupted in stage \"{0}\"")]
     Interrupted(String),
+    /// Shards of a plan are missing, cut off, damaged or foreign: run the commands that the message names.
+    #[error("{}: {flaws}", path.display())]
+    Shards {
+        /// The folder of the plan.
+        path: PathBuf,
+        /// The shards, what is wrong with each, and what mends it.
+        flaws: String,
+    },
     /// A ray-tracing or image backend is absent or failed: choose another one.
     #[error("{0}")]
     Backend(String),

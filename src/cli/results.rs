@@ -1,6 +1,9 @@
 //! The results of a bake: pictures and files, the same whatever command made them.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use glam::DVec3;
 use luxel::{
@@ -60,6 +63,11 @@ struct Picture {
 }
 
 impl Results {
+    /// Where the results go.
+    pub fn place(&self) -> &Path {
+        &self.output
+    }
+
     /// Makes the folder, proves that files can be written in it, and keeps other processes out of it.
     ///
     /// # Errors
