@@ -17,7 +17,6 @@
 //! All are made up of [containers](crate::lxt).
 
 mod balance;
-mod journal;
 mod merge;
 mod plan;
 mod shard;

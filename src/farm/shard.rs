@@ -88,7 +88,8 @@ pub(super) struct Shard {
 }
 
 impl Plan {
-    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used.
+    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used. Of the scene
+    /// nothing is built but the patches and the surfaces that rays meet.
     ///
     /// # Errors
     /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if `progress` asks to stop, [`Error::Io`];
@@ -126,7 +127,6 @@ impl Plan {
         let mut rays = 0;
         let mut both = || {
             rays += transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
-            journal.flush()?;
             journal.kind = AGAIN;
             let casting = Casting { again: 1, marked: false, ..casting };
             rays += transfer::cast(&casting, &other, &[], &mut again, &mut journal, progress)?;
@@ -137,9 +137,8 @@ impl Plan {
             journal.flush()?;
             return Err(error);
         }
-        let of = |list: &[u32], i: u32| list.binary_search(&i).is_ok();
-        let rows = rows.in_order(ROWS_A_BLOCK, |i| of(&own, i));
-        let again = again.in_order(ROWS_A_BLOCK, |i| of(&other, i));
+        let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
+        let again = again.in_order(ROWS_A_BLOCK, |_| true);
         write_file(&self.shard_path(k), SHARD, |out| {
             out.json(SETTINGS, 0, &settings)?;
             out.json(NUMBER, 0, &k)?;
