@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, vertices};
+use super::{measure::Clock, needs::Needs, outlook::outlook, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -121,6 +121,8 @@ impl<'a> Prepared<'a> {
         progress: &dyn Progress,
     ) -> Result<u64> {
         let casting = self.casting(options, true);
+        let all = vec![true; self.simplified.patches.len()];
+        keeper.begin(&mut kept.rows, &|| outlook(&self.scene, &casting, &all, options, progress))?;
         let mut rays = match &self.needs.near {
             // What matters to the wanted meshes does not depend on lights.
             Some([_, near]) => {
@@ -131,7 +133,7 @@ impl<'a> Prepared<'a> {
             }
             None => {
                 let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
-                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
+                let rays = transfer::cast(&casting, &all, &mut kept.rows, keeper, progress)?;
                 kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
                 rays
             }
@@ -139,7 +141,7 @@ impl<'a> Prepared<'a> {
         if options.estimate {
             let again = estimate::again(self.simplified.patches.len(), options.seed);
             let casting = Casting { again: 1, marked: false, ..casting };
-            rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
+            rays += transfer::cast(&casting, &again, &mut kept.again, keeper, progress)?;
             kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
         }
         Ok(rays)

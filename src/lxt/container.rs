@@ -22,7 +22,6 @@ pub struct Container {
     bytes: Bytes,
     blocks: Vec<Block>,
     by_name: HashMap<(Name, u64), usize>,
-    hash: [u8; 32],
 }
 
 struct Block {
@@ -62,7 +61,7 @@ impl Container {
         if by_name.len() != blocks.len() {
             return Err(damaged(path));
         }
-        Ok(Container { path: path.into(), bytes, blocks, by_name, hash: footer.hash })
+        Ok(Container { path: path.into(), bytes, blocks, by_name })
     }
 
     /// The file.
@@ -75,9 +74,13 @@ impl Container {
         self.blocks.iter().map(|b| (b.entry.kind, b.entry.number))
     }
 
-    /// What tells this content from any other, hexadecimal: the hash of header and table, which holds those of the blocks.
+    /// What tells this content from any other, hexadecimal: the hash of the table, which holds those of the blocks.
     pub fn id(&self) -> String {
-        blake3::Hash::from(self.hash).to_hex().to_string()
+        let mut hasher = blake3::Hasher::new();
+        for block in &self.blocks {
+            hasher.update(bytemuck::bytes_of(&block.entry));
+        }
+        hasher.finalize().to_hex().to_string()
     }
 
     /// Numbers of the blocks of `kind`, in the order of the file.
