@@ -96,6 +96,9 @@ struct MergeArgs {
     running: Running,
 }
 
+/// The ending of names of transfer files.
+const TRANSFER: &str = "lxt";
+
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Plan(args) => plan(args)?,
@@ -220,7 +223,7 @@ fn percent(part: usize, whole: usize) -> f64 {
 fn merge(args: &MergeArgs) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
-    if place.extension().is_some_and(|extension| extension == "lxt") {
+    if place.extension().is_some_and(|extension| extension == TRANSFER) {
         Transfer::check_place(place)?;
         on_threads(running.threads, || {
             let plan = Plan::open(&args.plan)?;

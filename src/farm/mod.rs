@@ -11,13 +11,12 @@
 //! |-|-|
 //! | `plan.lxt` | the scene, the patches, the settings, the shards |
 //! | `shard-K.lxt` | the rows of shard K, whole or not there |
-//! | `shard-K.journal` | rows of shard K while it is cast |
+//! | `shard-K.checkpoint` | rows of shard K while it is cast |
 //! | `.shard-K.lock` | who casts it |
 //!
-//! All are made up of [containers](crate::lxt).
+//! The first two are [containers](crate::lxt::Container), the third is a [checkpoint](crate::lxt::Checkpoint).
 
 mod balance;
-mod journal;
 mod merge;
 mod plan;
 mod shard;
@@ -25,5 +24,5 @@ mod status;
 
 pub use balance::Division;
 pub use plan::{Part, Plan};
-pub use shard::{Cast, Settings};
+pub use shard::Cast;
 pub use status::{ShardState, ShardStatus};
