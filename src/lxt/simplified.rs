@@ -31,7 +31,7 @@ pub fn write<W: Write>(out: &mut Writer<W>, simplified: &Simplified, options: &B
     out.value(PATCHES, 0, &simplified.patches)
 }
 
-/// Reads what [`write`] wrote of a scene with this geometry and these options; the patches have no colours yet.
+/// Reads what [`write()`] wrote of a scene with this geometry and these options; the patches have no colours yet.
 ///
 /// # Errors
 /// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if what is read does not fit together, or not the
