@@ -8,6 +8,10 @@ use crate::trace::Geometry;
 /// Barycentric weights may leave [0, 1] by this much, by rounding.
 const SLACK: f32 = 1e-3;
 
+/// Coordinates stay below this: a scene lies in [-0.5, 0.5]^3, a proxy at most a side of it away. The table from hits to
+/// patches grows with what triangles cover.
+const FARTHEST: f32 = 4.0;
+
 /// Numbers of fragments and patches have 31 bits.
 const MOST: usize = 1 << 31;
 
@@ -15,6 +19,7 @@ const MOST: usize = 1 << 31;
 pub(crate) fn check(grid: &Grid, geometry: &Geometry, fragments: &Fragments, patches: &Patches) -> Result<(), String> {
     check_grid(grid)?;
     geometry.check().map_err(|e| e.to_string())?;
+    ensure(geometry.positions.iter().all(|p| p.abs().max_element() < FARTHEST), "geometry: a vertex far away")?;
     let voxels = grid.dims.iter().map(|&n| n as u64).product::<u64>();
     check_fragments(geometry, fragments, voxels, patches.len())?;
     check_patches(fragments, patches, voxels)
