@@ -5,6 +5,7 @@ use std::time::Instant;
 use crate::{
     Error, Result, Scene,
     light::LampPower,
+    progress::{self, Progress},
     report::{Counts, Energy, Rays, Report, RowCounts, RowSums, Solver, Stage},
     skip,
     solve::Solution,
@@ -17,15 +18,16 @@ use super::{
 };
 
 /// Times the stages.
-pub(super) struct Clock {
+pub(super) struct Clock<'a> {
     last: Instant,
     stages: Vec<Stage>,
     deadline: Option<Instant>,
+    progress: &'a dyn Progress,
 }
 
-impl Clock {
-    pub fn new(deadline: Option<Instant>) -> Clock {
-        Clock { last: Instant::now(), stages: Vec::new(), deadline }
+impl<'a> Clock<'a> {
+    pub fn new(deadline: Option<Instant>, progress: &'a dyn Progress) -> Clock<'a> {
+        Clock { last: Instant::now(), stages: Vec::new(), deadline, progress }
     }
 
     /// Seconds of a stage that has ended; zero if there was none.
@@ -36,7 +38,7 @@ impl Clock {
     /// Ends a stage, or a part of it; its seconds.
     ///
     /// # Errors
-    /// [`Error::Stopped`] if the deadline is over.
+    /// [`Error::Stopped`] if the deadline is over, [`Error::Interrupted`] if no more is wanted.
     pub fn stop(&mut self, name: &'static str) -> Result<f64> {
         let seconds = self.last.elapsed().as_secs_f64();
         match self.stages.iter_mut().find(|stage| stage.name == name) {
@@ -44,6 +46,7 @@ impl Clock {
             None => self.stages.push(Stage { name, seconds }),
         }
         self.last = Instant::now();
+        progress::go_on(self.progress, name)?;
         match self.deadline {
             Some(deadline) if self.last > deadline => Err(Error::Stopped(name.into())),
             _ => Ok(seconds),

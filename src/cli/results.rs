@@ -1,6 +1,9 @@
 //! The results of a bake: pictures and files, the same whatever command made them.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use glam::DVec3;
 use luxel::{
@@ -18,7 +21,7 @@ use luxel::{
         report::{PreviewRecord, Record, peak_memory_bytes, summary},
         tonemap::ToneMap,
     },
-    progress::Progress,
+    progress::{self, Progress},
     report::Stage,
     scene::Camera,
     simplify::patch_mesh,
@@ -60,12 +63,17 @@ struct Picture {
 }
 
 impl Results {
-    /// Makes the folder, and proves that files can be written in it.
+    /// Where the results go.
+    pub fn place(&self) -> &Path {
+        &self.output
+    }
+
+    /// Makes the folder, proves that files can be written in it, and keeps other processes out of it.
     ///
     /// # Errors
-    /// Those of [`Staged::open`].
+    /// Those of [`Staged::open_alone`].
     pub fn open(&self) -> Result<Staged> {
-        Staged::open(&self.output)
+        Staged::open_alone(&self.output, "luxel")
     }
 
     /// Makes the pictures and writes all files.
@@ -81,9 +89,20 @@ impl Results {
             (camera, pixels)
         });
         progress.begin("output", 0);
-        write(&self.picture, scene, bake, picture, staged)?;
+        write(&self.picture, scene, bake, picture, staged, progress)?;
         progress.end();
         Ok(())
+    }
+
+    /// Where the results go.
+    pub fn folder(&self) -> &Path {
+        &self.output
+    }
+
+    /// Pixels of each picture; 0 if none are made.
+    pub fn pixels(&self) -> u64 {
+        let (width, height) = self.picture.preview_size;
+        if self.picture.no_preview { 0 } else { width as u64 * height as u64 }
     }
 
     /// Tells a terminal of the bake and where its files are.
@@ -122,17 +141,22 @@ fn write(
     bake: &mut Bake,
     picture: Option<(Camera, Preview)>,
     mut staged: Staged,
+    progress: &dyn Progress,
 ) -> Result<()> {
     let begun = Instant::now();
+    let go_on = || progress::go_on(progress, "output");
+    go_on()?;
     let source = bake.report.settings.as_ref().map_or(PatchSource::Surfels, |settings| settings.patches);
     let voxel_size = bake.report.counts.voxel_size;
     staged.write("vertices.ply", |out| {
         ply::write_vertices(out, &bake.mesh, &bake.vertices, bake.error.as_ref(), &scene.frame, voxel_size)
     })?;
+    go_on()?;
     let lit = LitMesh::new(scene, &bake.mesh, &bake.vertices);
     let exposed = |automatic: ToneMap| args.exposure.map_or(automatic, |exposure| ToneMap { exposure });
     let tone = exposed(lit.tone());
     staged.write("lit.glb", |out| lit.write(out, scene, tone))?;
+    go_on()?;
     let stand_in = match source {
         PatchSource::Surfels | PatchSource::Faces => None,
         PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => Some(patch_mesh(&bake.simplified)),
@@ -158,6 +182,7 @@ fn write(
             ("4-combined.png", &preview.combined),
         ];
         for (name, pixels) in pictures {
+            go_on()?;
             staged.write(name, |out| png::write(out, preview.width, preview.height, pixels, tone))?;
         }
         staged.write_path("preview.exr", |path| {
@@ -170,5 +195,6 @@ fn write(
     let command: Vec<String> = std::env::args().collect();
     let record = Record { command: &command, scene: &scene.name, report: &bake.report, preview: record };
     staged.write("bake.json", |out| record.write(out))?;
+    go_on()?;
     staged.commit().map(drop)
 }

@@ -22,6 +22,7 @@ pub struct Container {
     bytes: Bytes,
     blocks: Vec<Block>,
     by_name: HashMap<(Name, u64), usize>,
+    hash: [u8; 32],
 }
 
 struct Block {
@@ -61,7 +62,7 @@ impl Container {
         if by_name.len() != blocks.len() {
             return Err(damaged(path));
         }
-        Ok(Container { path: path.into(), bytes, blocks, by_name })
+        Ok(Container { path: path.into(), bytes, blocks, by_name, hash: footer.hash })
     }
 
     /// The file.
@@ -72,6 +73,11 @@ impl Container {
     /// Kinds and numbers of all blocks, in the order of the file.
     pub fn names(&self) -> impl Iterator<Item = (Name, u64)> {
         self.blocks.iter().map(|b| (b.entry.kind, b.entry.number))
+    }
+
+    /// What tells this content from any other, hexadecimal: the hash of header and table, which holds those of the blocks.
+    pub fn id(&self) -> String {
+        blake3::Hash::from(self.hash).to_hex().to_string()
     }
 
     /// Numbers of the blocks of `kind`, in the order of the file.

@@ -12,6 +12,9 @@ const SLACK: f32 = 1e-3;
 /// patches grows with what triangles cover.
 const FARTHEST: f32 = 4.0;
 
+/// Voxels are larger: the longest side of a scene is at least 0.5.
+const SMALLEST: f64 = 0.4 / MAX_DIM as f64;
+
 /// Numbers of fragments and patches have 31 bits.
 const MOST: usize = 1 << 31;
 
@@ -27,7 +30,7 @@ pub(crate) fn check(grid: &Grid, geometry: &Geometry, fragments: &Fragments, pat
 
 fn check_grid(grid: &Grid) -> Result<(), String> {
     let dims = grid.dims.iter().all(|n| (1..=MAX_DIM + 2).contains(n));
-    let sound = dims && grid.origin.is_finite() && grid.voxel_size.is_finite() && grid.voxel_size > 0.0;
+    let sound = dims && grid.origin.is_finite() && grid.voxel_size.is_finite() && grid.voxel_size > SMALLEST;
     if sound { Ok(()) } else { Err(format!("a grid of {:?} voxels of size {}", grid.dims, grid.voxel_size)) }
 }
 
