@@ -50,12 +50,12 @@ impl Container {
     /// As of [`Container::open`].
     pub fn of_bytes(path: &Path, bytes: Bytes, purpose: Name) -> Result<Container> {
         let header = header(path, &bytes)?;
-        let (begin, entries) = table(path, &bytes, &header)?;
+        let (footer, entries) = table(path, &bytes, &header)?;
         if header.purpose != purpose {
             let message = format!("is a {} file, but a {purpose} file is needed here", header.purpose);
             return Err(Error::input(path, "", message));
         }
-        let blocks = places(&entries, begin).ok_or_else(|| damaged(path))?;
+        let blocks = places(&entries, footer.table).ok_or_else(|| damaged(path))?;
         let by_name: HashMap<(Name, u64), usize> =
             blocks.iter().enumerate().map(|(i, b)| ((b.entry.kind, b.entry.number), i)).collect();
         // A name that occurs twice would hide a block.
@@ -166,8 +166,8 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     Ok(header)
 }
 
-/// Where the table begins, and its entries.
-fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(u64, Vec<Entry>)> {
+/// The last 64 bytes, and the entries of the table.
+fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(Footer, Vec<Entry>)> {
     let cut = || Error::input(path, "", format!("is cut off or damaged at its end, byte {}: {REMEDY}", bytes.len()));
     let end = bytes.len().checked_sub(size_of::<Footer>()).ok_or_else(cut)?;
     let footer = struct_at::<Footer>(bytes, end).filter(|f| f.end == END).ok_or_else(cut)?;
@@ -178,7 +178,7 @@ fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(u64, Vec<Entry>)
     if !whole || hash != footer.hash || (header.zero, header.rest, footer.zero) != (0, [0; 4], 0) {
         return Err(damaged(path));
     }
-    Ok((footer.table, table.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned).collect()))
+    Ok((footer, table.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned).collect()))
 }
 
 /// Where the blocks lie: one after the other, up to the table that begins at `end`.
