@@ -27,9 +27,7 @@ const MAGIC: &[u8; 8] = b"LuxelCk\x01";
 const HASH: usize = 32;
 /// Bytes of a frame before its payload: length and checksum.
 const FRAME: usize = 8 + HASH;
-/// Rows wait so long for being written, or until they take so many bytes: work of a moment writes no file at all, and a
-/// longer one can lose so much.
-const WAIT: Duration = Duration::from_secs(5);
+/// Bytes of rows that do not wait longer for being written.
 const WAITING: usize = 64 << 20;
 /// Settings that rows depend on.
 const SETTINGS: [&str; 7] = ["resolution", "patches", "target_patches", "rays", "seed", "skip", "only"];
@@ -50,14 +48,16 @@ pub struct Checkpoint {
     waiting: Vec<(Block, bool)>,
     waiting_bytes: usize,
     written: Instant,
+    every: Duration,
 }
 
 impl Checkpoint {
-    /// A checkpoint at `path` of the rows of `scene` with `options`. No file is touched yet.
+    /// A checkpoint at `path` of the rows of `scene` with `options`, which are written `every` so often: work that takes
+    /// less writes no file at all, longer work can lose so much. No file is touched yet.
     ///
     /// # Errors
     /// Those of [`Identity::new`].
-    pub fn new(path: PathBuf, scene: &Scene, options: &BakeOptions) -> Result<Checkpoint> {
+    pub fn new(path: PathBuf, scene: &Scene, options: &BakeOptions, every: Duration) -> Result<Checkpoint> {
         let identity = Identity::new(scene, options)?;
         let all = serde_json::to_value(options).map_err(|e| Error::Option(format!("settings without a name: {e}")))?;
         let settings = SETTINGS.iter().map(|&name| (name.to_string(), all[name].clone())).collect();
@@ -68,6 +68,7 @@ impl Checkpoint {
             waiting: Vec::new(),
             waiting_bytes: 0,
             written: Instant::now(),
+            every,
         })
     }
 
@@ -127,14 +128,14 @@ impl Checkpoint {
         Ok(found)
     }
 
-    /// Adds rows; of other rays than those that count, if `again`. They are in the file some seconds later.
+    /// Adds rows; of other rays than those that count, if `again`. They are in the file before long.
     ///
     /// # Errors
     /// [`Error::Io`], if the disk is full.
     pub fn add(&mut self, block: &Block, again: bool) -> Result<()> {
         self.waiting_bytes += block.bytes.len() + block.marks.len();
         self.waiting.push((block.clone(), again));
-        if self.waiting_bytes >= WAITING || self.written.elapsed() >= WAIT { self.flush() } else { Ok(()) }
+        if self.waiting_bytes >= WAITING || self.written.elapsed() >= self.every { self.flush() } else { Ok(()) }
     }
 
     /// Writes what waits.
@@ -252,12 +253,14 @@ mod tests {
         writer.finish()
     }
 
+    const HOUR: Duration = Duration::from_secs(3600);
+
     fn furnished() -> Scene {
         invariants::furnished(false).build().unwrap().0
     }
 
     fn checkpoint(folder: &Path, options: &BakeOptions) -> Checkpoint {
-        Checkpoint::new(folder.join("checkpoint"), &furnished(), options).unwrap()
+        Checkpoint::new(folder.join("checkpoint"), &furnished(), options, HOUR).unwrap()
     }
 
     fn resumed(checkpoint: &mut Checkpoint) -> Result<Rows> {
@@ -346,7 +349,7 @@ mod tests {
         let mut scene = furnished();
         scene.positions[0].x += 0.01;
         let path = folder.path().join("checkpoint");
-        let mut moved = Checkpoint::new(path.clone(), &scene, &BakeOptions::default()).unwrap();
+        let mut moved = Checkpoint::new(path.clone(), &scene, &BakeOptions::default(), HOUR).unwrap();
         let message = resumed(&mut moved).unwrap_err().to_string();
         assert!(message.contains("of other surfaces"), "{message}");
         fs::write(&path, "something else altogether").unwrap();
