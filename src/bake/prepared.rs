@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, outlook::outlook, vertices};
+use super::{measure::Clock, needs::Needs, outlook::begin, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -68,7 +68,6 @@ impl<'a> Prepared<'a> {
         };
         let own = options.patches != PatchSource::Surfels;
         let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
-        simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
         for rows in [&mut kept.rows, &mut kept.again] {
             if rows.patches() != simplified.patches.len() {
                 *rows = Rows::new(simplified.patches.len());
@@ -122,7 +121,7 @@ impl<'a> Prepared<'a> {
     ) -> Result<u64> {
         let casting = self.casting(options, true);
         let all = vec![true; self.simplified.patches.len()];
-        keeper.begin(&mut kept.rows, &|| outlook(&self.scene, &casting, &all, options, progress))?;
+        begin(&self.scene, &casting, &all, &mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {
             // What matters to the wanted meshes does not depend on lights.
             Some([_, near]) => {

@@ -19,6 +19,8 @@ use crate::{
     transfer::{self, Block, Casting, RowKeeper, Rows},
 };
 
+/// How often rows are written down while they are cast.
+const EVERY: Duration = Duration::from_millis(500);
 const SHARD: Name = Name::new("shard");
 const IDENTITY: Name = Name::new("identity");
 const SETTINGS: Name = Name::new("settings");
@@ -94,7 +96,7 @@ impl Plan {
         };
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
-        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options)?;
+        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, EVERY)?;
         let mut journal = Journal { checkpoint, again: false };
         if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
             // It is of something else; nobody asked for it to be used.
