@@ -18,6 +18,7 @@ mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod relit;
 mod skipped;
 mod vertices;
 

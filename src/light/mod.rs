@@ -18,6 +18,7 @@ mod form;
 mod known;
 mod lamp;
 mod numbers;
+mod parts;
 mod power;
 mod sky;
 mod spherical;
@@ -59,7 +60,7 @@ pub struct DirectResult {
 impl LightSet {
     /// Prepares the lights of `scene`. Lights that are black, without extent or not finite are left out.
     pub fn new(scene: &Scene) -> LightSet {
-        let mut lamps = emitters::lamps(scene);
+        let mut lamps = emitters::lamps(scene, |_| true);
         lamps.extend(scene.lights.iter().filter_map(Lamp::new));
         let mut sky = Sky::default();
         for light in &scene.lights {

@@ -6,11 +6,13 @@ mod index;
 mod level;
 mod nearest4;
 mod smooth;
+mod stencils;
 
 pub use edges::clear_of_walls;
 pub use gather::Senders;
 pub use index::PatchIndex;
 pub use level::Level;
+pub use stencils::Stencils;
 
 use gather::Gather;
 use glam::Vec3;

@@ -25,7 +25,7 @@ pub use grid::Grid;
 pub use hit_map::HitMap;
 pub(crate) use layers::{LIFT, clear_heights};
 pub use mesh::{SplitMesh, split_mesh};
-pub use patches::Patches;
+pub use patches::{Patches, recolour};
 pub use proxy::proxy;
 pub use size::{check_rows, check_size, expected_fragments};
 pub(crate) use surfels::UNLIKE;
