@@ -17,11 +17,13 @@ mod estimate;
 mod form;
 mod known;
 mod lamp;
+mod lanes;
 mod numbers;
 mod parts;
 mod power;
 mod sky;
 mod spherical;
+mod stream;
 mod tree;
 
 pub use bright::Bright;
@@ -29,6 +31,7 @@ pub use estimate::{irradiance, irradiance_where};
 pub use known::{Census, Known, Spared, View};
 use lamp::{Lamp, Polygon, Shape};
 pub use power::LampPower;
+pub(crate) use stream::irradiance_of_few;
 use sky::{Map, Sky};
 use tree::Tree;
 

@@ -294,7 +294,7 @@ impl Relighter {
         let points = &self.bake.mesh.samples;
         for (source, direct) in self.sources.iter().zip(&mut self.vertex_direct).filter(|s| s.1.is_empty()) {
             let (samples, seed) = (self.options.point_samples, self.bake.options.seed);
-            *direct = light::irradiance(&source.lights, self.bake.tracer(), points, 1, samples, seed).irradiance;
+            *direct = light::irradiance_of_few(&source.lights, self.bake.tracer(), points, 1, samples, seed).irradiance;
         }
         let all = &self.vertex_direct;
         let sum = |v: usize| all.iter().map(|direct| direct[v]).sum::<Vec3>().min(Vec3::MAX);
@@ -366,7 +366,7 @@ impl Relighter {
         let (samples, seed) = (self.options.patch_samples, self.bake.options.seed);
         let mut rays = 0;
         for (source, direct) in self.sources.iter().zip(&mut self.patch_direct).filter(|s| s.1.is_empty()) {
-            let result = light::irradiance(&source.lights, self.bake.tracer(), &self.points, samples as usize, samples, seed);
+            let result = light::irradiance_of_few(&source.lights, self.bake.tracer(), &self.points, samples as usize, samples, seed);
             rays += result.rays;
             *direct = result.irradiance;
         }
