@@ -121,6 +121,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         cos_threshold: options.normal_threshold.to_radians().cos(),
         senders: None,
         level: &Level::default(),
+        stencils: None,
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

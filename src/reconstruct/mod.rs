@@ -1,6 +1,7 @@
 //! From patches back to vertices and points (step 5 of the paper, and a better one).
 
 mod edges;
+mod factors;
 mod gather;
 mod index;
 mod level;
@@ -9,10 +10,11 @@ mod smooth;
 mod stencils;
 
 pub use edges::clear_of_walls;
+pub use factors::Factors;
 pub use gather::Senders;
 pub use index::PatchIndex;
 pub use level::Level;
-pub use stencils::Stencils;
+pub use stencils::{Neighbour, Stencils};
 
 use gather::Gather;
 use glam::Vec3;
@@ -47,6 +49,8 @@ pub struct Field<'a> {
     pub senders: Option<Senders<'a>>,
     /// Where patches are visible without asking.
     pub level: &'a Level,
+    /// Which patches some points see, where that was found out before.
+    pub stencils: Option<&'a Stencils>,
 }
 
 impl Field<'_> {

@@ -1,92 +1,72 @@
-//! Interpolation whose neighbours are found once, for values that change.
+//! Which patches points take their light from, found out once.
 
-use glam::{Vec3, Vec4};
+use std::collections::HashMap;
+
 use rayon::prelude::*;
 
-use super::{CHUNK, Field, nearest4, smooth};
-use crate::{options::Reconstruct, scene::SurfacePoint};
+use super::{CHUNK, Field, smooth};
+use crate::scene::SurfacePoint;
 
-/// What points take from the patches near them: the visible neighbours of each, with the factor of each in a fit.
-///
-/// Visibility and least squares depend on geometry alone, so that carrying new values to the points is one sum each.
+/// A patch near a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Neighbour {
+    /// The patch.
+    pub patch: u32,
+    /// Its weight in the fit; positive.
+    pub weight: f32,
+}
+
+/// For some points, the patches that they see on their own surface, with their weights in the fit of
+/// [`Reconstruct::Smooth`](crate::options::Reconstruct::Smooth). They depend on which patches are known, but not on
+/// light.
 #[derive(Clone, Debug, Default)]
 pub struct Stencils {
-    /// Where the neighbours of each point begin; one more entry than points.
-    start: Vec<u32>,
-    patches: Vec<u32>,
-    factors: Vec<f32>,
+    points: Vec<SurfacePoint>,
+    /// Where the neighbours of each point end.
+    ends: Vec<u32>,
+    neighbours: Vec<Neighbour>,
+    /// The number of each point by its bits.
+    numbers: HashMap<[u32; 6], u32>,
 }
-
-/// Points of a unit of parallel work when values are carried.
-const RUN: usize = 1024;
 
 impl Stencils {
-    /// Of `points`, by the paper's nearest four or else by least squares over the patches that a point sees. Values of
-    /// the field are not looked at.
-    pub fn new(field: &Field, method: Reconstruct, points: &[SurfacePoint]) -> Stencils {
-        let chunks: Vec<(Vec<(u32, f32)>, Vec<usize>)> = points
-            .par_chunks(CHUNK)
-            .map(|chunk| {
-                if method != Reconstruct::Nearest4 {
-                    return smooth::factors(field, chunk);
-                }
-                let mut all = Vec::with_capacity(4 * chunk.len());
-                let mut take = |p| {
-                    all.extend(nearest4::factors(field, p));
-                    all.len()
-                };
-                let ends = chunk.iter().map(&mut take).collect();
-                (all, ends)
-            })
-            .collect();
-        let mut stencils = Stencils { start: vec![0], ..Stencils::default() };
-        for (all, ends) in chunks {
-            let first = stencils.patches.len();
-            stencils.start.extend(ends.iter().map(|end| (first + end) as u32));
-            stencils.patches.extend(all.iter().map(|e| e.0));
-            stencils.factors.extend(all.iter().map(|e| e.1));
-        }
-        stencils
-    }
-
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        self.start.len().saturating_sub(1)
-    }
-
-    /// Whether there are no points.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Names patches by their places in another list: entry `j` of `places` takes the place of patch `j`.
-    pub fn renamed(mut self, places: &[u32]) -> Stencils {
-        self.patches.iter_mut().for_each(|j| *j = places[*j as usize]);
-        self
-    }
-
-    /// Carries `values` (RGB and a fourth number that is not looked at) to the points: what [`super::interpolate`] does, but
-    /// for rounding (f32 here). Never negative; zero where a point is not finite or its normal is not a unit vector.
-    pub fn carry(&self, values: &[Vec4], out: &mut [Vec3]) {
-        let starts = self.start.par_chunks(RUN).enumerate();
-        out.par_chunks_mut(RUN).zip(starts).for_each(|(out, (chunk, starts))| {
-            let after = self.start.get((chunk + 1) * RUN).copied();
-            let ends = starts[1..].iter().copied().chain(after);
-            for ((out, &begin), end) in out.iter_mut().zip(starts).zip(ends) {
-                let own = begin as usize..end as usize;
-                *out = blend(&self.patches[own.clone()], &self.factors[own], values);
+    /// Finds the neighbours of `points`; the values of `field` do not matter.
+    pub fn new(field: &Field, points: &[SurfacePoint]) -> Stencils {
+        let found: Vec<(Vec<u32>, Vec<Neighbour>)> =
+            points.par_chunks(CHUNK).map(|chunk| smooth::neighbours(field, chunk)).collect();
+        let (mut ends, mut neighbours) = (Vec::with_capacity(points.len()), Vec::new());
+        for (own_ends, own) in found {
+            let mut begin = 0;
+            for end in own_ends {
+                neighbours.extend(own[begin as usize..end as usize].iter().filter(|n| n.weight > 0.0));
+                ends.push(neighbours.len() as u32);
+                begin = end;
             }
-        });
+        }
+        Stencils::of(points.to_vec(), ends, neighbours)
+    }
+
+    /// Stencils of these parts, of which those of point k end at `ends[k]`.
+    pub fn of(points: Vec<SurfacePoint>, ends: Vec<u32>, neighbours: Vec<Neighbour>) -> Stencils {
+        let numbers = (0..).zip(&points).map(|(k, point)| (key(point), k)).collect();
+        Stencils { points, ends, neighbours, numbers }
+    }
+
+    /// The points, where the neighbours of each end, and all neighbours.
+    pub fn parts(&self) -> (&[SurfacePoint], &[u32], &[Neighbour]) {
+        (&self.points, &self.ends, &self.neighbours)
+    }
+
+    /// The neighbours of a point; `None` if it is none of those.
+    pub fn find(&self, point: &SurfacePoint) -> Option<&[Neighbour]> {
+        let k = *self.numbers.get(&key(point))? as usize;
+        let begin = if k == 0 { 0 } else { self.ends[k - 1] };
+        Some(&self.neighbours[begin as usize..self.ends[k] as usize])
     }
 }
 
-fn blend(patches: &[u32], factors: &[f32], values: &[Vec4]) -> Vec3 {
-    let (mut sum, mut low, mut high) = (Vec4::ZERO, Vec4::INFINITY, Vec4::ZERO);
-    for (&j, &factor) in patches.iter().zip(factors) {
-        let value = values[j as usize];
-        sum += factor * value;
-        low = low.min(value);
-        high = high.max(value);
-    }
-    if patches.is_empty() { Vec3::ZERO } else { smooth::within(sum.truncate(), low.truncate(), high.truncate()) }
+fn key(point: &SurfacePoint) -> [u32; 6] {
+    let [p, n] = [point.position, point.normal].map(|v| v.to_array().map(f32::to_bits));
+    [p[0], p[1], p[2], n[0], n[1], n[2]]
 }

@@ -14,9 +14,10 @@ use crate::{
     bake::Bake,
     light::{self, LightSet},
     options::PatchSource,
-    reconstruct::Stencils,
+    reconstruct::Factors,
     scene::{SurfacePoint, WorldLight, list, material::ALBEDO_MAX},
-    simplify, solve, transfer,
+    simplify, solve,
+    transfer::{self, Rows},
 };
 
 mod solution;
@@ -72,7 +73,7 @@ pub struct Relighter {
     patch_direct: Vec<Vec<Vec3>>,
     vertex_direct: Vec<Vec<Vec3>>,
     transport: Transport,
-    stencils: Stencils,
+    factors: Factors,
     /// Where shadow rays of the patches that exchange light start.
     points: Vec<SurfacePoint>,
     /// One over the share of each that is not hidden inside objects.
@@ -117,7 +118,7 @@ impl Relighter {
 
         let transport = Transport::new(&bake.form_factors);
         let mut relighter = Relighter {
-            stencils: bake.stencils().renamed(&transport.places(bake.form_factors.len())),
+            factors: bake.factors().renamed(&transport.places(bake.form_factors.len())),
             shown: transport.patches.iter().map(|&i| 1.0 / (1.0 - bake.form_factors.hidden(i as usize) as f32).max(LEAST_SEEN)).collect(),
             solution: Solution::new(&transport),
             patch_direct: vec![Vec::new(); sources.len()],
@@ -138,6 +139,19 @@ impl Relighter {
         relighter.take_albedo();
         relighter.place_points();
         Ok(relighter)
+    }
+
+    /// As [`Relighter::new`], but light is exchanged between all patches that have a row in `rows`: those that
+    /// [`bake::prepare`](crate::bake::prepare) made before the bake, for any lights.
+    ///
+    /// # Errors
+    /// Those of [`Relighter::new`]; [`Error::Option`] if the rows are not of this bake's patches.
+    pub fn with_rows(scene: Scene, mut bake: Bake, rows: &Rows) -> Result<Relighter> {
+        if rows.patches() != bake.simplified.patches.len() {
+            return Err(Error::Option("the rows are not those of this bake's patches".into()));
+        }
+        bake.take_rows(rows);
+        Relighter::new(scene, bake)
     }
 
     /// Computes frames otherwise from now on.
@@ -278,7 +292,7 @@ impl Relighter {
         let lit = Instant::now();
         (frame.sweeps, frame.residual) = self.solve();
         let solved = Instant::now();
-        self.stencils.carry(&self.solution.irradiance, &mut self.bake.vertices.indirect);
+        self.factors.carry(&self.solution.irradiance, &mut self.bake.vertices.indirect);
         self.lit = true;
         frame.seconds = [lit - begun, solved - lit, solved.elapsed()].map(|t| t.as_secs_f64());
         frame
@@ -406,8 +420,7 @@ impl Relighter {
 
     /// Colours of patches and vertices, by the materials as they are now.
     fn colour(&mut self) {
-        let simplified = &mut self.bake.simplified;
-        simplify::recolour(&self.scene, &simplified.fragments, &mut simplified.patches);
+        simplify::colour(&mut self.bake.simplified, &self.scene);
         self.bake.mesh.recolour(&self.scene);
         self.coloured = true;
     }

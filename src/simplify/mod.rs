@@ -25,10 +25,10 @@ pub use grid::Grid;
 pub use hit_map::HitMap;
 pub(crate) use layers::{LIFT, clear_heights};
 pub use mesh::{SplitMesh, split_mesh};
-pub use patches::{Patches, recolour};
+pub use patches::Patches;
 pub use proxy::proxy;
 pub use size::{check_rows, check_size, expected_fragments};
-pub(crate) use surfels::UNLIKE;
+pub(crate) use surfels::{UNLIKE, colour};
 pub use surfels::{count, surfels};
 pub use triangles::patch_mesh;
 
@@ -68,6 +68,24 @@ pub fn simplify(scene: &Scene, grid: Grid, options: &BakeOptions, tracer: &dyn R
         PatchSource::Clustered => decimated(scene, grid, Method::Cluster, target, tracer),
         PatchSource::Proxy => proxy(scene, grid, target, tracer),
     }
+}
+
+/// Patches that were made of `scene`'s surfaces before, in the colours that these have now.
+///
+/// # Errors
+/// Those of [`simplify`].
+pub(crate) fn coloured(
+    mut simplified: Simplified,
+    scene: &Scene,
+    options: &BakeOptions,
+    tracer: &dyn RayTracer,
+) -> Result<Simplified> {
+    if options.patches != PatchSource::Surfels {
+        // The shape of these patches costs no more than their colours.
+        return simplify(scene, simplified.grid, options, tracer);
+    }
+    surfels::colour(&mut simplified, scene);
+    Ok(simplified)
 }
 
 impl Simplified {

@@ -118,14 +118,6 @@ pub(super) fn mean_colour(scene: &Scene, fragments: &Fragments, group: &[u32]) -
     Colour { albedo: (albedo / area).as_vec3(), emitted: (emitted / area).as_vec3() }
 }
 
-/// Albedo and emitted exitance of surfel patches, anew: the materials of `scene` have changed.
-pub fn recolour(scene: &Scene, fragments: &Fragments, patches: &mut Patches) {
-    let colour = |i: usize| mean_colour(scene, fragments, patches.members(i));
-    let colours: Vec<Colour> = (0..patches.len()).into_par_iter().map(colour).collect();
-    patches.albedo = colours.iter().map(|c| c.albedo).collect();
-    patches.emitted = colours.iter().map(|c| c.emitted).collect();
-}
-
 /// Mean albedo over fragment `f`: 8 stratified points on each triangle of its fan.
 pub(super) fn mean_albedo(scene: &Scene, fragments: &Fragments, f: usize) -> Vec3 {
     let t = fragments.triangle[f] as usize;
