@@ -11,8 +11,8 @@ use luxel::{
     BakeOptions, Relighter, Scene, bake,
     bench::Machine,
     options::Resolution,
-    progress::Silent,
     output::tonemap::luminance,
+    progress::Silent,
     scene::{self, Light, SceneOverrides},
 };
 
@@ -74,7 +74,10 @@ fn measure(grid: u32) -> luxel::Result<()> {
     let tolerance = relighter.options().tolerance;
     let lit = relighter.bake();
     let counts = &lit.report.counts;
-    println!("## grid {grid}: {} patches, {} reached, {} vertices", counts.patches, counts.patches_reached, counts.vertices);
+    println!(
+        "## grid {grid}: {} patches, {} reached, {} vertices",
+        counts.patches, counts.patches_reached, counts.vertices
+    );
     println!("| stage | median, ms | 95th percentile |\n|-|-|-|");
     for (i, name) in ["direct light of patches", "solve", "indirect light of vertices"].iter().enumerate() {
         row(name, times.iter().map(|t| t[i]).collect());

@@ -179,7 +179,8 @@ pub(super) fn flat(lanes: &mut Lanes, lamp: &Flat) {
 
             let [a, b, c, e] = lamp.corners;
             let h = [dot(normal, sub(a, p)), dot(normal, sub(b, p)), dot(normal, sub(c, p)), dot(normal, sub(e, p))];
-            let (low, high) = (least(least(h[0], h[1]), least(h[2], h[3])), -least(least(-h[0], -h[1]), least(-h[2], -h[3])));
+            let (low, high) =
+                (least(least(h[0], h[1]), least(h[2], h[3])), -least(least(-h[0], -h[1]), least(-h[2], -h[3])));
             let middle = sub(lamp.centre, p);
             found[0][i] = if lit { w } else { 0.0 };
             found[1][i] = dot(middle, middle);

@@ -31,8 +31,8 @@ pub use estimate::{irradiance, irradiance_where};
 pub use known::{Census, Known, Spared, View};
 use lamp::{Lamp, Polygon, Shape};
 pub use power::LampPower;
-pub(crate) use stream::irradiance_of_few;
 use sky::{Map, Sky};
+pub(crate) use stream::irradiance_of_few;
 use tree::Tree;
 
 /// The lights of a scene, prepared: emissive triangles and [`Scene::lights`], in the local frame.

@@ -11,15 +11,11 @@ use rayon::prelude::*;
 
 use super::{
     DirectResult, LightSet, Spared, form, irradiance,
-    lanes::{self, Flat, Lanes, Small},
     lamp::{Lamp, Shape},
+    lanes::{self, Flat, Lanes, Small},
     numbers::Numbers,
 };
-use crate::{
-    sampling,
-    scene::SurfacePoint,
-    trace::RayTracer,
-};
+use crate::{sampling, scene::SurfacePoint, trace::RayTracer};
 
 /// Lamps that are looked at one by one; where there are more, samples must be shared out.
 const MOST_LAMPS: usize = 8;
@@ -146,7 +142,14 @@ impl Scratch {
     }
 
     /// Adds the light of one lamp, of this colour, to the receivers; the rays that it took.
-    fn light(&mut self, lamp: &Kind, colour: Vec3, tracer: &dyn RayTracer, [per, samples]: [usize; 2], out: &mut [Vec3]) -> u64 {
+    fn light(
+        &mut self,
+        lamp: &Kind,
+        colour: Vec3,
+        tracer: &dyn RayTracer,
+        [per, samples]: [usize; 2],
+        out: &mut [Vec3],
+    ) -> u64 {
         match lamp {
             Kind::Flat(flat, _) => lanes::flat(&mut self.lanes, flat),
             Kind::Small(small) => lanes::small(&mut self.lanes, small),

@@ -96,7 +96,9 @@ impl Relighter {
     /// [`Error::Option`] if the patches of the bake are not pieces of the surfaces, or `scene` is another one.
     pub fn new(scene: Scene, bake: Bake) -> Result<Relighter> {
         if bake.options.patches != PatchSource::Surfels {
-            return Err(Error::Option("relighting needs patches that are pieces of the surfaces: --patches surfels".into()));
+            return Err(Error::Option(
+                "relighting needs patches that are pieces of the surfaces: --patches surfels".into(),
+            ));
         }
         if bake.simplified.geometry.positions != scene.positions
             || bake.simplified.geometry.triangles.len() != scene.triangles.len()
@@ -119,7 +121,11 @@ impl Relighter {
         let transport = Transport::new(&bake.form_factors);
         let mut relighter = Relighter {
             factors: bake.factors().renamed(&transport.places(bake.form_factors.len())),
-            shown: transport.patches.iter().map(|&i| 1.0 / (1.0 - bake.form_factors.hidden(i as usize) as f32).max(LEAST_SEEN)).collect(),
+            shown: transport
+                .patches
+                .iter()
+                .map(|&i| 1.0 / (1.0 - bake.form_factors.hidden(i as usize) as f32).max(LEAST_SEEN))
+                .collect(),
             solution: Solution::new(&transport),
             patch_direct: vec![Vec::new(); sources.len()],
             vertex_direct: vec![Vec::new(); sources.len()],
@@ -239,7 +245,9 @@ impl Relighter {
     /// [`Error::Option`] if there is no such material, or `radiance` is negative or not finite.
     pub fn set_emission(&mut self, name: &str, radiance: Vec3) -> Result<()> {
         if !(radiance.is_finite() && radiance.min_element() >= 0.0) {
-            return Err(Error::Option(format!("radiance {radiance} must have three numbers that are finite and not negative")));
+            return Err(Error::Option(format!(
+                "radiance {radiance} must have three numbers that are finite and not negative"
+            )));
         }
         for material in self.materials(name)? {
             let surface = &mut self.scene.materials[material as usize];
@@ -340,7 +348,9 @@ impl Relighter {
 
     fn source(&self, source: usize) -> Result<&Source> {
         let count = self.sources.len();
-        self.sources.get(source).ok_or_else(|| Error::Option(format!("there is no light {source}: there are {count}, counted from 0")))
+        self.sources
+            .get(source)
+            .ok_or_else(|| Error::Option(format!("there is no light {source}: there are {count}, counted from 0")))
     }
 
     /// The materials called `name`.
@@ -380,7 +390,14 @@ impl Relighter {
         let (samples, seed) = (self.options.patch_samples, self.bake.options.seed);
         let mut rays = 0;
         for (source, direct) in self.sources.iter().zip(&mut self.patch_direct).filter(|s| s.1.is_empty()) {
-            let result = light::irradiance_of_few(&source.lights, self.bake.tracer(), &self.points, samples as usize, samples, seed);
+            let result = light::irradiance_of_few(
+                &source.lights,
+                self.bake.tracer(),
+                &self.points,
+                samples as usize,
+                samples,
+                seed,
+            );
             rays += result.rays;
             *direct = result.irradiance;
         }
