@@ -1,323 +1,330 @@
-//! Light that is moved in a baked scene is that of a bake with the light there.
+//! Relighting and the cache, as a user meets them: the same files as a bake with those lights, and no form-factor ray.
 
-mod common;
-
-use std::path::Path;
-
-use common::{World, options};
-use glam::{DAffine3, DVec3, Vec3};
-use luxel::{
-    BakeOptions, Error, Relighter, Scene,
-    bake::{self, Bake, Kept, Run},
-    progress::Silent,
-    relight::RelightOptions,
-    scene::{self, Light, SceneOverrides, WorldLight},
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
 };
 
-/// The middle of the Cornell box's lamp.
-const HOME: DVec3 = DVec3::new(278.0, 548.8, 279.5);
-const GRID: u32 = 16;
+use tempfile::TempDir;
 
-fn cornell() -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml");
-    scene::load(&path, &SceneOverrides::default()).unwrap().0
+/// A room of 2 x 2 x 2 that is open on one side, with a lamp, a column, and a floor of a chequered texture.
+const ROOM_OBJ: &str = "\
+mtllib room.mtl
+v -1 -1 -1
+v 1 -1 -1
+v 1 -1 1
+v -1 -1 1
+v -1 1 -1
+v 1 1 -1
+v 1 1 1
+v -1 1 1
+v -0.3 0.9 -0.3
+v 0.3 0.9 -0.3
+v 0.3 0.9 0.3
+v -0.3 0.9 0.3
+v 0.2 -1 0.1
+v 0.5 -1 0.1
+v 0.5 0.2 0.1
+v 0.2 0.2 0.1
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+o walls
+usemtl wall
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 4 1 5 8
+o floor
+usemtl floor
+f 4/1 3/2 2/3 1/4
+o lamp
+usemtl lamp
+f 9 10 11 12
+o screen
+usemtl wall
+f 13 14 15 16
+";
+const ROOM_MTL: &str = "\
+newmtl wall
+Kd 0.5 0.4 0.3
+newmtl floor
+Kd 1 1 1
+map_Kd chequers.png
+newmtl lamp
+Kd 0.1 0.1 0.1
+Ke 5 5 5
+";
+/// Settings that bake the room in a moment.
+const QUICK: [&str; 10] =
+    ["--grid", "7", "--rays", "64", "--point-samples", "4", "--patch-samples", "4", "--sides", "two"];
+const PICTURE: [&str; 2] = ["--preview-size", "16x12"];
+
+fn room() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("room.obj"), ROOM_OBJ).unwrap();
+    fs::write(folder.path().join("room.mtl"), ROOM_MTL).unwrap();
+    let chequers = image::RgbImage::from_fn(4, 4, |x, y| image::Rgb([if (x + y) % 2 == 0 { 220 } else { 40 }; 3]));
+    chequers.save(folder.path().join("chequers.png")).unwrap();
+    let scene = folder.path().join("room.obj");
+    (folder, scene)
 }
 
-fn bake(scene: &Scene, options: &BakeOptions) -> Bake {
-    luxel::bake(scene, options, &Silent).unwrap()
+fn luxel(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luxel")).args(args).output().unwrap()
 }
 
-fn relighter(scene: &Scene) -> Relighter {
-    Relighter::new(scene.clone(), bake(scene, &options(GRID, 256))).unwrap()
+fn done(args: &[&str]) -> String {
+    let output = luxel(args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
 }
 
-/// Turns the lamp over by a few degrees and carries it to `to`.
-fn carried(to: DVec3) -> DAffine3 {
-    DAffine3::from_translation(to) * DAffine3::from_rotation_x(0.2) * DAffine3::from_translation(-HOME)
+fn failed(args: &[&str]) -> String {
+    let output = luxel(args);
+    assert_eq!(output.status.code(), Some(1), "{args:?}: {}", String::from_utf8_lossy(&output.stdout));
+    let message = String::from_utf8(output.stderr).unwrap();
+    let told: Vec<&str> = message.lines().filter(|line| line.starts_with("luxel: ")).collect();
+    assert!(told.len() == 1 && !message.contains("panicked"), "{message}");
+    told[0].into()
 }
 
-/// The scene with a light instead of its lamp.
-fn lit_by(scene: &Scene, light: &WorldLight) -> Scene {
-    let mut scene = scene.clone();
-    scene.materials.iter_mut().for_each(|m| m.emission = Vec3::ZERO);
-    let (WorldLight::Rectangle { .. } | WorldLight::Point { .. }) = light else { panic!("another light") };
-    let local = |p: DVec3| scene.frame.to_local(p);
-    let vector = |v: DVec3| (v / scene.frame.scale).as_vec3();
-    let local = match *light {
-        WorldLight::Rectangle { corner, edge_u, edge_v, radiance } => {
-            Light::Rectangle { corner: local(corner), edge_u: vector(edge_u), edge_v: vector(edge_v), radiance }
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// All files of a bake but its report.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut files: Vec<(String, Vec<u8>)> = fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap())
+        .map(|e| (e.file_name().into_string().unwrap(), fs::read(e.path()).unwrap()))
+        .filter(|(name, _)| name != "bake.json")
+        .collect();
+    files.sort();
+    files
+}
+
+fn assert_same(a: &Path, b: &Path) {
+    let (a, b) = (files(a), files(b));
+    assert_eq!(a.iter().map(|f| &f.0).collect::<Vec<_>>(), b.iter().map(|f| &f.0).collect::<Vec<_>>());
+    assert!(a.len() >= 3);
+    for ((name, one), (_, other)) in a.iter().zip(&b) {
+        assert!(one == other, "{name} differs");
+    }
+}
+
+fn report(folder: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(folder.join("bake.json")).unwrap()).unwrap()
+}
+
+/// Bakes `scene` with all options, and relights what was prepared without the lights: the same files without a ray.
+fn relit_as_baked(scene: &Path, settings: &[&str], lights: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let [baked, relit, file] = ["baked", "relit", "some.lxt"].map(|name| folder.path().join(name));
+    done(&[&["bake", text(scene), "-o", text(&baked)], settings, lights, &PICTURE].concat());
+    done(&[&["prepare", text(scene), "-o", text(&file)], settings].concat());
+    done(&[&["relight", text(&file), "-o", text(&relit)], lights, &PICTURE].concat());
+    assert_same(&baked, &relit);
+    let (before, after) = (report(&baked), report(&relit));
+    assert!(before["rays"]["form_factors"].as_u64().unwrap() > 0);
+    assert!(before["rows"]["cast"].as_u64().unwrap() >= before["rows"]["used"].as_u64().unwrap());
+    assert_eq!(after["rays"]["form_factors"], 0);
+    assert_eq!(after["rows"]["cast"], 0);
+    assert_eq!(after["rows"]["from"], text(&file));
+    assert_eq!(after["settings"], before["settings"]);
+}
+
+#[test]
+fn a_relit_room_is_the_baked_one_byte_for_byte() {
+    let (_folder, scene) = room();
+    let other = ["--emit", "lamp=1,2,3", "--albedo", "wall=0.1,0.8,0.2", "--point", "-0.5,0.5,-0.5:1,1,1"];
+    relit_as_baked(&scene, &QUICK, &other);
+    relit_as_baked(&scene, &QUICK, &["--sky", "0.2,0.3,0.5", "--sun", "-0.3,-1,-0.5:3,3,2.5"]);
+    // Nothing but a lamp behind the screen: most patches see no light of it at first.
+    relit_as_baked(&scene, &QUICK, &["--emit", "lamp=0,0,0", "--point", "0.35,-0.9,0.05:1,1,1"]);
+}
+
+#[test]
+fn so_it_is_with_every_way_to_bake() {
+    let (_folder, scene) = room();
+    let lights = ["--sky", "0.1,0.1,0.2", "--emit", "lamp=3,1,1"];
+    for more in [
+        &["--primary", "radiosity"] as &[&str],
+        &["--only", "floor"],
+        &["--no-skip"],
+        &["--patches", "faces"],
+        &["--patches", "decimated"],
+        &["--reconstruct", "adaptive", "--gather-rays", "16"],
+        &["--reconstruct", "nearest4", "--no-estimate"],
+        &["--backend", "bvh", "--seed", "7", "--sides", "auto"],
+    ] {
+        let mut settings = QUICK.to_vec();
+        if more.contains(&"--sides") {
+            settings.truncate(8);
         }
-        WorldLight::Point { position, intensity, range } => Light::Point {
-            position: local(position),
-            intensity: intensity / (scene.frame.scale * scene.frame.scale) as f32,
-            range: (range / scene.frame.scale) as f32,
-        },
-        _ => return scene,
-    };
-    scene.lights.push(local);
-    scene
-}
-
-/// The lamp as a rectangle, carried to `to`.
-fn lamp(to: DVec3) -> WorldLight {
-    let mut lamp = WorldLight::Rectangle {
-        corner: DVec3::new(343.0, 548.8, 227.0),
-        edge_u: DVec3::new(0.0, 0.0, 105.0),
-        edge_v: DVec3::new(-130.0, 0.0, 0.0),
-        radiance: Vec3::new(17.0, 12.0, 4.0),
-    };
-    lamp.transform(&carried(to));
-    lamp
-}
-
-/// Sum of the differences over the sum of the second.
-fn difference(a: &[Vec3], b: &[Vec3]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    let sum = |x: Vec3| x.element_sum() as f64;
-    a.iter().zip(b).map(|(a, b)| sum((*a - *b).abs())).sum::<f64>() / b.iter().map(|b| sum(*b)).sum::<f64>()
-}
-
-/// Indirect light of the patches by area.
-fn area_sum(bake: &Bake) -> f64 {
-    bake.light.indirect.iter().zip(&bake.patches().area).map(|(e, a)| (e.x * a) as f64).sum()
-}
-
-fn square(a: &[Vec3], b: &[Vec3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (*a - *b).length_squared() as f64).sum()
-}
-
-#[test]
-fn a_lamp_that_was_carried_lights_as_in_a_bake_within_noise() {
-    let scene = cornell();
-    let mut relighter = relighter(&scene);
-    // Far from all walls, so that no patch is so bright that the bakes send its light by shadow rays.
-    let to = DVec3::new(250.0, 470.0, 200.0);
-    relighter.place(0, carried(to)).unwrap();
-    relighter.frame();
-    let samples = relighter.bake().mesh.samples.clone();
-    let fresh = |seed: u64| {
-        let options = BakeOptions { seed, ..options(GRID, 256) };
-        bake(&lit_by(&scene, &lamp(to)), &options).irradiance(&samples, &Silent)
-    };
-    let [same, b, c] = [0, 1, 2].map(fresh);
-    // Three independent estimates of equal noise: the expected squares of all differences are equal. A sum over n
-    // independent points of a Gaussian error has the relative standard error sqrt(2 / n), the quotient of two sums at most
-    // twice that. Vertices share the noise of the nine patches around, and three channels share their rays.
-    let n = samples.len() as f64 / 9.0;
-    let bound = 1.0 + 4.0 * 2.0 * (2.0 / n).sqrt();
-    let (got, between) = (square(relighter.indirect(), &b.indirect), square(&c.indirect, &b.indirect));
-    assert!(got / between < bound, "{got} {between} {bound}");
-    // The bake of the same seed has the same rows; the rays to the lamp differ where the horizon cuts it.
-    let off = difference(relighter.indirect(), &same.indirect);
-    assert!(off < 0.3 * difference(&b.indirect, &same.indirect), "{off}");
-    // Vertices: 64 rays to a penumbra have an error below 0.5 / 8; a tenth of all places lie in one.
-    let direct = difference(relighter.direct(), &same.direct);
-    assert!(direct < 0.1 * 0.5 / 8.0 * 2.0_f64.sqrt(), "{direct}");
-}
-
-#[test]
-fn a_point_light_gives_the_light_of_a_bake_but_for_rounding() {
-    let scene = cornell();
-    let mut relighter = relighter(&scene);
-    relighter.set_options(RelightOptions { tolerance: 1e-5, ..relighter.options() }).unwrap();
-    relighter.set_emission("light", Vec3::ZERO).unwrap();
-    let point = |x: f64| WorldLight::Point {
-        position: DVec3::new(x, 400.0, 150.0),
-        intensity: Vec3::new(3e5, 2e5, 1e5),
-        range: f64::INFINITY,
-    };
-    let number = relighter.add_light(point(100.0)).unwrap();
-    relighter.frame();
-    for x in [150.0, 278.0] {
-        relighter.set_light(number, point(x)).unwrap();
-        relighter.frame();
-        let expected = bake(&lit_by(&scene, &point(x)), &options(GRID, 256));
-        // One ray in some thousands slips past an edge by rounding, and is one of 32 of its patch.
-        let samples = &relighter.bake().mesh.samples.clone();
-        let light = expected.irradiance(samples, &Silent);
-        let off = [difference(relighter.direct(), &light.direct), difference(relighter.indirect(), &light.indirect)];
-        assert!(off[0] < 1e-3 && off[1] < 1e-3, "{x}: {off:?}");
+        relit_as_baked(&scene, &[&settings, more].concat(), &lights);
     }
 }
 
 #[test]
-fn the_light_of_a_lamp_comes_back_with_it() {
-    let mut relighter = relighter(&cornell());
-    let tolerance = relighter.options().tolerance;
-    relighter.frame();
-    let (direct, indirect) = (relighter.direct().to_vec(), relighter.indirect().to_vec());
-    for k in 0..5 {
-        relighter.place(0, carried(DVec3::new(150.0 + 60.0 * k as f64, 450.0, 250.0))).unwrap();
-        relighter.frame();
-        assert_ne!(relighter.direct(), direct);
+fn a_relit_cornell_box_is_the_baked_one() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml");
+    relit_as_baked(
+        &scene,
+        &["--grid", "12", "--rays", "64", "--point-samples", "4"],
+        &["--albedo", "white=0.3,0.5,0.7"],
+    );
+}
+
+#[test]
+fn lights_of_the_file_stay_or_give_way() {
+    let (folder, scene) = room();
+    let [file, baked, relit] = ["some.lxt", "baked", "relit"].map(|name| folder.path().join(name));
+    done(&[&["prepare", text(&scene), "-o", text(&file), "--sky", "1,0,0"], &QUICK[..]].concat());
+    done(&[&["bake", text(&scene), "-o", text(&baked), "--sky", "0,1,0", "--no-preview"], &QUICK[..]].concat());
+    done(&["relight", text(&file), "-o", text(&relit), "--sky", "0,1,0", "--replace-lights", "--no-preview"]);
+    assert_same(&baked, &relit);
+    done(&["relight", text(&file), "-o", text(&relit), "--sky", "0,1,0", "--no-preview"]);
+    assert!(files(&baked) != files(&relit));
+}
+
+#[test]
+fn what_cannot_be_relit_says_why() {
+    let (folder, scene) = room();
+    let [file, out] = ["some.lxt", "out"].map(|name| folder.path().join(name));
+    let prepare = [&["prepare", text(&scene), "-o", text(&file)], &QUICK[..]].concat();
+    done(&prepare);
+    let relight = ["relight", text(&file), "-o", text(&out), "--no-preview"];
+    let with = |more: &[&str]| failed(&[&relight, more].concat());
+
+    assert!(with(&["--albedo", "wool=1,1,1"]).contains("there is no material \"wool\""));
+    assert!(with(&["--emit", "lamp=0,0,0"]).contains("has no light"));
+    let whole = fs::read(&file).unwrap();
+    let cases: [(&str, Vec<u8>); 4] = [
+        ("some.lxt: is cut off or damaged at its end", whole[..whole.len() / 2].to_vec()),
+        ("some.lxt: block ", {
+            let mut bytes = whole.clone();
+            bytes[whole.len() / 2] ^= 1;
+            bytes
+        }),
+        ("some.lxt: is no transfer file of luxel", fs::read(&scene).unwrap()),
+        ("some.lxt: has format 9, but this luxel reads format 1", {
+            let mut bytes = whole.clone();
+            bytes[8] = 9;
+            bytes
+        }),
+    ];
+    for (expected, bytes) in cases {
+        fs::write(&file, bytes).unwrap();
+        let message = with(&[]);
+        assert!(message.contains(expected), "{message}");
+        assert!(!out.exists(), "{message}");
     }
-    relighter.place(0, DAffine3::IDENTITY).unwrap();
-    let frame = relighter.frame();
-    assert!(frame.residual <= tolerance && frame.rays > 0, "{frame:?}");
-    assert_eq!(relighter.direct(), direct);
-    // Both solutions are within the tolerance of the radiosity, and irradiance is a mean of that over one albedo or so.
-    let off = difference(relighter.indirect(), &indirect);
-    assert!(off < 2.0 * tolerance / 0.5, "{off}");
-    assert_eq!(relighter.frame().rays, 0, "nothing has changed");
+    assert!(failed(&["relight", "/nowhere.lxt", "-o", text(&out)]).contains("/nowhere.lxt: "));
+    assert!(failed(&["prepare", text(&scene), "-o", text(folder.path())]).contains("is a folder"));
 }
 
 #[test]
-fn without_light_all_is_black_and_light_comes_back() {
-    let mut relighter = relighter(&cornell());
-    relighter.frame();
-    let before = relighter.indirect().to_vec();
-    relighter.set_emission("light", Vec3::ZERO).unwrap();
-    relighter.frame();
-    assert!(relighter.indirect().iter().all(|e| *e == Vec3::ZERO));
-    assert!(relighter.direct().iter().all(|e| *e == Vec3::ZERO));
-    relighter.set_emission("light", Vec3::new(17.0, 12.0, 4.0)).unwrap();
-    relighter.frame();
-    assert!(difference(relighter.indirect(), &before) < 4.0 * relighter.options().tolerance);
+fn lights_that_turn_a_solid_into_a_room_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cube.obj");
+    let [file, out] = ["cube.lxt", "out"].map(|name| folder.path().join(name));
+    done(&["prepare", text(&scene), "-o", text(&file), "--grid", "4", "--rays", "16"]);
+    let inside = failed(&["relight", text(&file), "-o", text(&out), "--point", "0.5,0.5,0.5:1,1,1"]);
+    assert!(inside.contains("have other sides than those that were prepared"), "{inside}");
 }
 
 #[test]
-fn a_light_inside_a_block_lights_nothing() {
-    let mut world = World::new();
-    let grey = world.grey(0.5, 0.0);
-    world.room(DVec3::ZERO, DVec3::splat(2.0), grey);
-    world.block(DVec3::splat(0.8), DVec3::splat(1.2), grey);
-    world.point_light(DVec3::splat(0.5), 10.0);
-    let scene = world.build().scene;
-    let mut relighter = relighter(&scene);
-    relighter.frame();
-    assert!(relighter.indirect().iter().any(|e| *e != Vec3::ZERO));
-    relighter.place(0, DAffine3::from_translation(DVec3::splat(0.5))).unwrap();
-    relighter.frame();
-    assert!(relighter.direct().iter().all(|e| *e == Vec3::ZERO));
-    assert!(relighter.indirect().iter().all(|e| *e == Vec3::ZERO));
+fn the_cache_serves_other_lights_and_no_other_geometry() {
+    let (folder, scene) = room();
+    let [plain, cached, cache] = ["plain", "cached", "cache"].map(|name| folder.path().join(name));
+    let cast = |lights: &[&str]| {
+        let common = [&["--no-preview"], &QUICK[..], lights].concat();
+        done(&[&["bake", text(&scene), "-o", text(&plain)], &common[..]].concat());
+        let told = done(&[&["bake", text(&scene), "-o", text(&cached), "--cache", text(&cache)], &common[..]].concat());
+        assert_same(&plain, &cached);
+        let report = report(&cached);
+        assert_eq!(report["rows"]["kept_in"].is_string(), told.contains(" cast now and kept in "));
+        assert_eq!(report["warnings"], self::report(&plain)["warnings"]);
+        (report["rows"]["cast"].as_u64().unwrap(), report["rows"]["from"].is_string(), told.contains("used, all from "))
+    };
+    let first = cast(&["--sky", "1,1,1"]);
+    assert!(first.0 > 100 && !first.1 && !first.2, "{first:?}");
+    assert_eq!(cast(&["--albedo", "wall=0.9,0.9,0.9"]), (0, true, true));
+    assert_eq!(cast(&["--emit", "lamp=9,0,0"]), (0, true, true));
+    // Another seed, other rows; the old ones stay.
+    assert!(!cast(&["--seed", "3"]).1);
+    assert_eq!(cast(&["--seed", "3"]), (0, true, true));
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 2);
+    // Another shape, other rows.
+    fs::write(&scene, ROOM_OBJ.replace("v 0.2 0.2 0.1", "v 0.2 0.3 0.1")).unwrap();
+    assert!(!cast(&[]).1);
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 3);
 }
 
 #[test]
-fn albedos_are_those_of_a_bake_with_them() {
-    let scene = cornell();
-    let mut relighter = relighter(&scene);
-    relighter.set_options(RelightOptions { tolerance: 1e-5, ..relighter.options() }).unwrap();
-    let blue = Vec3::new(0.1, 0.2, 0.7);
-    relighter.set_albedo("white", blue).unwrap();
-    relighter.frame();
-    let mut painted = scene.clone();
-    painted.materials.iter_mut().filter(|m| m.name == "white").for_each(|m| m.albedo = blue);
-    let expected = bake(&painted, &options(GRID, 256));
-    let off = difference(relighter.indirect(), &expected.vertices.indirect);
-    // As for a point light.
-    assert!(off < 1e-3, "{off}");
-    // Vertices between materials are means of other pieces; all else differs by rounding.
-    let differ = |(a, b): (&Vec3, &Vec3)| (*a - *b).abs().max_element() > 1e-6;
-    let albedo = &relighter.bake().mesh.albedo;
-    let between = albedo.iter().zip(&expected.mesh.albedo).filter(|&pair| differ(pair)).count();
-    assert!(between * 50 < albedo.len(), "{between} of {}", albedo.len());
+fn rows_that_new_light_needs_are_added_to_the_cache() {
+    // A wall parts two halves; a light in one leaves the other dark.
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/furnace_box.toml");
+    let two = folder.path().join("two.toml");
+    let mesh =
+        |x: f64| format!("[[mesh]]\npath = \"{}\"\ntranslate = [{x}, 0, 0]\n", text(&scene.with_file_name("cube.obj")));
+    fs::write(&two, mesh(0.0) + &mesh(5.0)).unwrap();
+    let [out, cache] = ["out", "cache"].map(|name| folder.path().join(name));
+    let cast = |lights: &[&str]| {
+        let settings = ["--grid", "12", "--rays", "16", "--sides", "two", "--no-preview", "--cache", text(&cache)];
+        done(&[&["bake", text(&two), "-o", text(&out)], &settings[..], lights].concat());
+        report(&out)["rows"]["cast"].as_u64().unwrap()
+    };
+    let [left, right] = ["0.5,0.5,0.5:1,1,1", "5.5,0.5,0.5:1,1,1"];
+    let first = cast(&["--point", left]);
+    let second = cast(&["--point", right]);
+    assert!(first > 0 && second > 0, "{first} {second}");
+    assert_eq!(cast(&["--point", left, "--point", right]), 0);
 }
 
 #[test]
-fn surfaces_so_white_that_light_stays_are_solved_too() {
-    let mut relighter = relighter(&cornell());
-    relighter.set_options(RelightOptions { tolerance: 1e-6, ..relighter.options() }).unwrap();
-    for name in ["white", "red", "green"] {
-        relighter.set_albedo(name, Vec3::splat(0.99)).unwrap();
+fn a_damaged_cache_is_a_warning_and_mends_itself() {
+    let (folder, scene) = room();
+    let [out, cache] = ["out", "cache"].map(|name| folder.path().join(name));
+    let bake =
+        [&["bake", text(&scene), "-o", text(&out), "--no-preview", "--cache", text(&cache)], &QUICK[..]].concat();
+    done(&bake);
+    let good = files(&out);
+    let entry = fs::read_dir(&cache).unwrap().next().unwrap().unwrap().path();
+    let whole = fs::read(&entry).unwrap();
+    for damage in [&whole[..whole.len() / 3], b"", &[&whole[..999], b"?", &whole[1000..]].concat()] {
+        fs::write(&entry, damage).unwrap();
+        let told = done(&bake);
+        assert!(told.contains("cannot be used, and are cast anew"), "{told}");
+        let report = report(&out);
+        assert!(report["rows"]["cast"].as_u64().unwrap() > 100 && report["rows"]["from"].is_null());
+        assert_eq!(files(&out), good);
+        assert!(fs::read(&entry).unwrap() == whole);
     }
-    let frame = relighter.frame();
-    assert!(frame.residual <= 1e-6, "{frame:?}");
-    let white = bake(relighter.scene(), &options(GRID, 256));
-    // Light that is left out is at most 1 / (1 - albedo) of the residual.
-    assert!(difference(relighter.indirect(), &white.vertices.indirect) < 1e-3);
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
 }
 
 #[test]
-fn what_is_asked_of_a_relit_bake_is_its_light() {
-    let mut relighter = relighter(&cornell());
-    relighter.place(0, carried(DVec3::new(200.0, 400.0, 150.0))).unwrap();
-    let bake = relighter.bake();
-    let light = bake.irradiance(&bake.mesh.samples.clone(), &Silent);
-    // The vertices' places lie clear of walls already; f32 sums.
-    assert!(difference(&bake.vertices.indirect, &light.indirect) < 1e-5);
-    // Penumbras where the horizon cuts the lamp are sampled otherwise.
-    assert!(difference(&bake.vertices.direct, &light.direct) < 0.01);
-    // The lamp's own surface is dark now.
-    assert!(bake.patches().emitted.iter().all(|m| *m == Vec3::ZERO));
-    assert!(!relighter.scene().has_light());
-}
-
-#[test]
-fn frames_have_the_same_bits_on_any_number_of_threads() {
-    let frames = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            let mut relighter = relighter(&cornell());
-            let mut all = Vec::new();
-            for k in 0..4 {
-                relighter.place(0, carried(DVec3::new(150.0 + 60.0 * k as f64, 450.0, 250.0))).unwrap();
-                relighter.frame();
-                all.extend_from_slice(relighter.indirect());
-                all.extend_from_slice(relighter.direct());
-            }
-            all
-        })
+fn two_bakes_may_fill_one_cache_at_once() {
+    let (folder, scene) = room();
+    let cache = folder.path().join("cache");
+    let bake = |name: &str| {
+        let out = folder.path().join(name);
+        let args = [&["bake", text(&scene), "-o", text(&out), "--no-preview", "--cache", text(&cache)], &QUICK[..]];
+        Command::new(env!("CARGO_BIN_EXE_luxel")).args(args.concat()).arg("-q").spawn().unwrap()
     };
-    assert!(frames(1) == frames(3));
-}
-
-#[test]
-fn prepared_rows_light_rooms_that_no_light_of_the_bake_reaches() {
-    let mut world = World::new();
-    let grey = world.grey(0.5, 0.0);
-    world.named_room("lit", DVec3::ZERO, DVec3::splat(2.0), grey);
-    world.named_room("dark", DVec3::new(2.1, 0.0, 0.0), DVec3::new(4.1, 2.0, 2.0), grey);
-    world.point_light(DVec3::ONE, 10.0);
-    let stage = world.build();
-    let scene = &stage.scene;
-    let options = options(12, 64);
-    let mut kept = Kept::default();
-    let mut run = Run { progress: &Silent, keeper: &mut (), deadline: None };
-    bake::prepare(scene, &options, &mut kept, &mut run).unwrap();
-    let lit = bake::bake_with(scene, &options, &mut kept, &mut run).unwrap();
-    let to_the_other_room = DAffine3::from_translation(DVec3::new(2.1, 0.0, 0.0));
-    let light = |relighter: luxel::Result<Relighter>| {
-        let mut relighter = relighter.unwrap();
-        relighter.place(0, to_the_other_room).unwrap();
-        let frame = relighter.frame();
-        assert!(frame.residual <= relighter.options().tolerance);
-        area_sum(relighter.bake())
-    };
-    let again = || bake::bake(scene, &options, &Silent).unwrap();
-    let before = area_sum(&again());
-    assert_eq!(light(Relighter::new(scene.clone(), again())), 0.0);
-    // Mean indirect light of a closed room is power x albedo / (1 - albedo) / area: 2 % is ten standard errors of 64 rays and
-    // 500 patches.
-    let after = light(Relighter::with_rows(scene.clone(), lit, &kept.rows));
-    assert!((after / before - 1.0).abs() < 0.02, "{after} {before}");
-}
-
-#[test]
-fn numbers_without_sense_are_refused_and_change_nothing() {
-    let scene = cornell();
-    let mut relighter = relighter(&scene);
-    relighter.frame();
-    let before = relighter.indirect().to_vec();
-    let wrong = |result: luxel::Result<()>, part: &str| match result {
-        Err(Error::Option(message)) => assert!(message.contains(part), "{message}"),
-        other => panic!("{part}: {other:?}"),
-    };
-    wrong(relighter.place(0, DAffine3::from_translation(DVec3::new(f64::NAN, 0.0, 0.0))), "finite");
-    wrong(relighter.place(7, DAffine3::IDENTITY), "no light 7");
-    let position = DVec3::splat(f64::NAN);
-    let point = WorldLight::Point { position, intensity: Vec3::ONE, range: f64::INFINITY };
-    wrong(relighter.add_light(point.clone()).map(drop), "position must be finite");
-    wrong(relighter.set_light(0, point), "material \"light\"");
-    let far = WorldLight::Point { position: DVec3::splat(1e300), intensity: Vec3::ONE, range: f64::INFINITY };
-    wrong(relighter.add_light(far).map(drop), "too large");
-    wrong(relighter.set_emission("light", Vec3::NAN), "not negative");
-    wrong(relighter.set_emission("moon", Vec3::ONE), "no material \"moon\"");
-    wrong(relighter.set_albedo("white", Vec3::ONE), "0.9999");
-    wrong(relighter.set_options(RelightOptions { tolerance: 0.0, ..relighter.options() }), "tolerance");
-    wrong(relighter.set_options(RelightOptions { patch_samples: 0, ..relighter.options() }), "samples");
-    let frame = relighter.frame();
-    assert_eq!(frame.rays, 0, "nothing has changed");
-    assert_eq!(relighter.indirect(), before);
-    let other = bake(&scene, &common::faces(options(8, 64)));
-    wrong(Relighter::new(scene, other).map(drop), "surfels");
+    let names = ["a", "b", "c"];
+    for mut child in names.map(bake) {
+        assert!(child.wait().unwrap().success());
+    }
+    assert_same(&folder.path().join("a"), &folder.path().join("b"));
+    assert_same(&folder.path().join("a"), &folder.path().join("c"));
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
+    assert!(bake("d").wait().unwrap().success());
+    assert_eq!(report(&folder.path().join("d"))["rows"]["cast"], 0);
 }
