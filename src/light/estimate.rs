@@ -23,6 +23,9 @@ pub(super) const CUT: usize = 32;
 /// Rays that a lamp or group gets at least.
 const LEAST: usize = 4;
 
+/// Lamps within so many radii of a patch get all samples: a part of the patch says nothing of the rest.
+const NEAR: f32 = 2.0;
+
 /// Points of a receiver that tell what a lamp may give it: the first of a Sobol sequence lie well apart.
 const ASKED: usize = 4;
 
@@ -189,7 +192,7 @@ impl Work<'_> {
         for (i, &value) in expected.iter().enumerate() {
             let share = if total > 0.0 { weight(i, value) / total } else { 0.0 };
             let all = self.numbers.len();
-            let near = points.len() > 1 && cut.get(i).is_some_and(|&b| lights.tree.is_near(b, &ball));
+            let near = points.len() > 1 && cut.get(i).is_some_and(|&b| lights.tree.is_near(b, &ball, NEAR));
             let n = ((share * all as f64).round() as usize).next_power_of_two().max(LEAST).min(all);
             let n = if near { all } else { n };
             let shift = sampling::hash(&[identity, i as u64]);

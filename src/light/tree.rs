@@ -127,10 +127,24 @@ impl Tree {
         }
     }
 
-    /// Whether some of the branch may lie within a receiver's own size of it, so that a part of the receiver says nothing
-    /// of the rest.
-    pub fn is_near(&self, branch: Branch, receiver: &Ball) -> bool {
-        self.nodes[branch.node as usize].distance(receiver.centre) <= 2.0 * receiver.radius
+    /// Whether some of the branch may lie within so many `radii` of the receiver.
+    pub fn is_near(&self, branch: Branch, receiver: &Ball, radii: f32) -> bool {
+        self.nodes[branch.node as usize].distance(receiver.centre) <= radii * receiver.radius
+    }
+
+    /// Whether some lamp that may give light lies within so many `radii` of the receiver.
+    pub fn has_near(&self, receiver: &Ball, radii: f32) -> bool {
+        let mut open: Vec<Branch> = self.root(receiver).into_iter().collect();
+        while let Some(branch) = open.pop() {
+            if !self.is_near(branch, receiver, radii) {
+                continue;
+            }
+            match self.nodes[branch.node as usize].content {
+                Content::Lamp(_) => return true,
+                Content::Children(first) => open.extend(self.children(first, receiver).into_iter().flatten()),
+            }
+        }
+        false
     }
 
     fn children(&self, first: u32, receiver: &Ball) -> [Option<Branch>; 2] {
