@@ -8,6 +8,7 @@ use luxel::{
     light::{LightSet, irradiance},
     options::Backend,
     sampling,
+    scene::RAY_OFFSET,
     scene::SurfacePoint,
     scene::{Corners, Frame, Light, Material, Triangle, light::Environment},
     trace::{self, RayTracer},
@@ -229,6 +230,43 @@ fn a_lamp_in_full_view_has_no_noise_and_a_covered_one_no_light() {
     let expected = over_point(-0.1, 0.1, -0.1, 0.1, 0.4);
     for (channel, factor) in open.to_array().into_iter().zip([1.0, 2.0, 3.0]) {
         assert_close(channel, factor * expected, ROUNDING, "open");
+    }
+}
+
+/// Rays end short of a lamp, so those of the room pass what lies on it; a sheet nearer than that was once lit as well.
+#[test]
+fn a_sheet_on_a_lamp_takes_none_of_its_light_or_hides_it() {
+    // Half of a lamp in the floor lies under a sheet.
+    let lamp = [[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]].map(|[x, y]| Vec3::new(x, y, 0.0) - 0.5);
+    let lights = LightSet::of_polygons([(&lamp[..], Vec3::ONE)].into_iter());
+    let emitted = std::f64::consts::PI * 0.25;
+    for height in [0.3 * RAY_OFFSET, 3.0 * RAY_OFFSET] {
+        let mut b = Builder::new();
+        b.room(Vec3::splat(-0.5), Vec3::splat(0.5));
+        let corner = lamp[0] + Vec3::Z * height;
+        b.quad(corner, Vec3::X * 0.5, Vec3::Y * 0.25, 0);
+        let tracer = b.tracer();
+        let n = 24;
+        let cells = (0..n * n).map(|i| [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32));
+        let power = |corner: Vec3, u: Vec3, v: Vec3| {
+            let normal = u.cross(v).normalize();
+            let points: Vec<SurfacePoint> = cells.clone().map(|[s, t]| point(corner + s * u + t * v, normal)).collect();
+            let light = irradiance(&lights, &*tracer, &points, 1, 64, 1).irradiance;
+            light.iter().map(|e| e.x as f64).sum::<f64>() / (n * n) as f64 * u.cross(v).length() as f64
+        };
+        let (low, high) = (Vec3::splat(-0.5), Vec3::splat(0.5));
+        let walls: f64 = (0..3)
+            .flat_map(|axis| {
+                let (u, v) = (Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]);
+                [power(low, u, v), power(high, -v, -u)]
+            })
+            .sum();
+        let underside = power(corner, Vec3::Y * 0.25, Vec3::X * 0.5);
+        println!("{height:e}: walls {walls}, underside {underside}, emitted {emitted}");
+        // The midpoint rule errs by 1/24 of the square of a cell over the distance of lamp and walls, 0.1 %.
+        let error = ((walls + underside) / emitted - 1.0).abs();
+        assert!(error < 0.01, "{height:e}: {walls} + {underside} of {emitted}");
+        assert_eq!(underside > 0.0, height > RAY_OFFSET);
     }
 }
 
