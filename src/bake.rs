@@ -16,12 +16,16 @@ mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod outline;
+mod outlook;
 mod prepared;
 mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
+pub use outline::{Outline, outline};
 pub use prepared::Kept;
+pub(crate) use prepared::ROWS_A_BLOCK;
 
 use exchange::Exchange;
 use measure::{Clock, Work};
@@ -32,7 +36,7 @@ use skipped::Found;
 ///
 /// # Errors
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
-/// for options without sense or voxels too small for the memory.
+/// for options without sense or voxels too small for the memory, [`Error::Interrupted`] if `progress` asks to stop.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
     bake_with(scene, options, &mut Kept::default(), &mut Run { progress, keeper: &mut (), deadline: None })
 }
@@ -56,7 +60,7 @@ pub fn bake_with(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mu
     if !scene.has_light() {
         return Err(Error::Scene(scene.no_light_message()));
     }
-    let mut clock = Clock::new(run.deadline);
+    let mut clock = Clock::new(run.deadline, run.progress);
     let prepared = Prepared::new(scene, options, kept, &mut clock)?;
     light(prepared, options, kept, run, clock)
 }
@@ -69,7 +73,7 @@ pub fn bake_with(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mu
 pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut Run) -> Result<u64> {
     check(scene, options)?;
     kept.marked = true;
-    let mut clock = Clock::new(run.deadline);
+    let mut clock = Clock::new(run.deadline, run.progress);
     let prepared = Prepared::new(scene, options, kept, &mut clock)?;
     let rays = prepared.cast(options, kept, run.keeper, run.progress)?;
     kept.stencils = Some(prepared.stencils(options, &kept.rows));
@@ -109,7 +113,9 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
+    run.keeper.begin(&mut kept.rows, &|| outlook::outlook(scene, &casting, &lit, options, progress))?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
+    let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {
         let estimate = needs.estimate(&casting, &lit, &mut kept.rows, run.keeper, progress)?;
         row_rays += estimate.rays;
@@ -185,7 +191,8 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
         clock.stop("estimate")?;
     }
 
-    let work = Work { solution, row_rays, visibility, rows_seconds, lamps, found };
+    let rows_cast = kept.rows.blocks()[blocks_before..].iter().map(|block| block.rows.len()).sum();
+    let work = Work { solution, row_rays, visibility, rows_seconds, rows_cast, lamps, found };
     bake.report = measure::report(scene, &bake, work, clock);
     (bake.report.error, bake.error) = error.unzip();
     Ok(bake)

@@ -55,7 +55,9 @@
 #![warn(missing_docs)]
 
 pub mod error;
+pub mod lock;
 pub mod options;
+pub mod outlook;
 pub mod progress;
 pub mod quality;
 pub mod report;
@@ -74,8 +76,10 @@ pub mod bake;
 pub mod bench;
 pub mod compare;
 pub mod estimate;
+pub mod farm;
 pub mod forecast;
 pub mod goal;
+pub mod lxt;
 pub mod output;
 pub mod reference;
 pub mod selftest;

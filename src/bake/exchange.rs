@@ -212,6 +212,11 @@ impl Exchange<'_> {
         let (mut direct, mut beside) = (Vec::with_capacity(of.len()), Vec::with_capacity(of.len()));
         let mut rays = 0;
         for block in of.chunks((PATCH_POINTS / samples as usize).max(1)) {
+            if self.progress.stopped() {
+                direct.resize(of.len(), Vec3::ZERO);
+                beside.resize(of.len(), false);
+                break;
+            }
             let mut points = transfer::patch_points(self.simplified, block, samples, self.options.seed);
             // Simplified meshes run through the real surfaces, whose shadows would fall on them.
             if !matches!(self.options.patches, PatchSource::Surfels | PatchSource::Faces) {

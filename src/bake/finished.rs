@@ -148,6 +148,11 @@ impl Bake {
         let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
         let known = Known { view: &view, skip: self.foresight.on, census: None };
         for block in points.chunks(BLOCK) {
+            if progress.stopped() {
+                all.direct.resize(points.len(), Vec3::ZERO);
+                all.indirect.resize(points.len(), Vec3::ZERO);
+                break;
+            }
             let lit = |lights: &LightSet| {
                 let seed = self.options.seed;
                 let result = light::irradiance_where(lights, &*self.tracer, block, 1, samples, seed, &known);

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, vertices};
+use super::{measure::Clock, needs::Needs, outlook::outlook, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -30,6 +30,11 @@ pub struct Kept {
     /// Whether rows are cast for other lights too: they then get marks of what their leading rays met.
     pub marked: bool,
 }
+
+/// Successive patches whose rows make a block of what is prepared, and whose rows of other rays do: one in 16 patches
+/// or more has these.
+pub(crate) const ROWS_A_BLOCK: usize = 64;
+const AGAIN_A_BLOCK: usize = 1024;
 
 /// A scene that is ready to be lit.
 pub(super) struct Prepared<'a> {
@@ -116,20 +121,28 @@ impl<'a> Prepared<'a> {
         progress: &dyn Progress,
     ) -> Result<u64> {
         let casting = self.casting(options, true);
+        let all = vec![true; self.simplified.patches.len()];
+        keeper.begin(&mut kept.rows, &|| outlook(&self.scene, &casting, &all, options, progress))?;
         let mut rays = match &self.needs.near {
             // What matters to the wanted meshes does not depend on lights.
             Some([_, near]) => {
-                transfer::estimate_plan(&casting, &self.needs.plan(near), &mut kept.rows, keeper, progress)?.rays
+                let plan = self.needs.plan(near);
+                let estimate = transfer::estimate_plan(&casting, &plan, &mut kept.rows, keeper, progress)?;
+                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |i| estimate.reached[i as usize]);
+                estimate.rays
             }
             None => {
                 let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
-                transfer::cast(&casting, &all, &mut kept.rows, keeper, progress)?
+                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
+                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
+                rays
             }
         };
         if options.estimate {
             let again = estimate::again(self.simplified.patches.len(), options.seed);
             let casting = Casting { again: 1, marked: false, ..casting };
-            rays += transfer::cast(&casting, &again, &mut kept.again, keeper, progress)?;
+            rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
+            kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
         }
         Ok(rays)
     }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::{
     Scene,
-    report::{Energy, ErrorReport, GoalReport, Report},
+    report::{Energy, ErrorReport, GoalReport, Report, RowCounts},
     scene::Camera,
 };
 
@@ -97,6 +97,16 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
             short(r.form_factor_mrays_per_second)
         ),
     );
+    let RowCounts { used, cast, from, kept_in, .. } = &report.rows;
+    match (from, kept_in) {
+        (Some(from), None) if *cast == 0 => line("rows", format!("{used} used, all from {from}")),
+        (Some(from), None) => line("rows", format!("{used} used; {cast} cast now, the others from {from}")),
+        (Some(_), Some(place)) => {
+            line("rows", format!("{used} used; {cast} cast now and kept in {place}, the others from there"));
+        }
+        (None, Some(place)) => line("rows", format!("{used} used, all cast now and kept in {place}")),
+        (None, None) => {}
+    }
     line("other rays", r.visibility.to_string());
     line(
         "solver",
@@ -184,8 +194,17 @@ fn bytes(n: u64) -> String {
 
 /// Largest resident memory of this process so far, bytes; 0 where the system does not tell (`/proc/self/status`).
 pub fn peak_memory_bytes() -> u64 {
+    status_bytes("VmHWM:")
+}
+
+/// Resident memory of this process now, bytes; 0 where the system does not tell.
+pub fn memory_bytes() -> u64 {
+    status_bytes("VmRSS:")
+}
+
+fn status_bytes(field: &str) -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let kib = status.lines().find_map(|l| l.strip_prefix("VmHWM:")?.trim().strip_suffix("kB")?.trim().parse().ok());
+    let kib = status.lines().find_map(|l| l.strip_prefix(field)?.trim().strip_suffix("kB")?.trim().parse().ok());
     kib.map_or(0, |kib: u64| kib * 1024)
 }
 

@@ -1,6 +1,7 @@
 //! The geometry simplification: surfaces are cut by voxels and the pieces grouped into patches (steps 1-4 of the
 //! paper).
 
+mod check;
 pub mod clip;
 mod decimated;
 mod faces;
@@ -17,6 +18,7 @@ mod surfels;
 mod triangles;
 mod weld;
 
+pub(crate) use check::check;
 pub use clip::{Fragments, NO_PATCH, clip};
 pub use decimated::{Method, decimated};
 pub use faces::faces;
@@ -24,6 +26,7 @@ pub use feet::onto_surfaces;
 pub use grid::Grid;
 pub use hit_map::HitMap;
 pub(crate) use layers::{LIFT, clear_heights};
+pub(crate) use mesh::foresee;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
 pub use proxy::proxy;
@@ -80,11 +83,14 @@ pub(crate) fn coloured(
     options: &BakeOptions,
     tracer: &dyn RayTracer,
 ) -> Result<Simplified> {
-    if options.patches != PatchSource::Surfels {
+    match options.patches {
+        PatchSource::Surfels => surfels::colour(&mut simplified, scene),
         // The shape of these patches costs no more than their colours.
-        return simplify(scene, simplified.grid, options, tracer);
+        PatchSource::Faces => return simplify(scene, simplified.grid, options, tracer),
+        PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => {
+            triangles::colour(&mut simplified, scene, tracer);
+        }
     }
-    surfels::colour(&mut simplified, scene);
     Ok(simplified)
 }
 

@@ -6,10 +6,15 @@ use rayon::prelude::*;
 
 use super::{
     FormFactors,
-    cast::{Caster, Casting, Probe, Seen},
+    cast::{Caster, Casting, Probe, Seen, cast},
     rows::{RowKeeper, Rows, View},
 };
-use crate::{Result, progress::Progress, simplify::Simplified, trace::RayTracer};
+use crate::{
+    Result,
+    progress::{self, Progress},
+    simplify::Simplified,
+    trace::RayTracer,
+};
 
 /// Form factors and what was learnt on the way.
 pub struct Estimate {
@@ -59,6 +64,9 @@ const SEEN_LITTLE: u32 = 64;
 /// Rays that meet the back of a one-sided surface started hidden and are dropped; unless they started in the open,
 /// beside the back of a sheet, which lets no light out.
 ///
+/// # Errors
+/// [`Error::Interrupted`](crate::Error::Interrupted) if `progress` asks to stop.
+///
 /// # Accuracy
 /// The standard error of F_ij is at most sqrt(F (1 - F) / rays). Same seed, same bits, on any number of threads.
 pub fn estimate(
@@ -69,18 +77,18 @@ pub fn estimate(
     rays: u32,
     seed: u64,
     progress: &dyn Progress,
-) -> Estimate {
+) -> Result<Estimate> {
     let casting = Casting { simplified, tracer, outer: &[], rays, seed, again: 0, marked: false };
     let plan = Plan { start: lit, all, ..Plan::default() };
     let mut rows = Rows::new(simplified.patches.len());
-    estimate_plan(&casting, &plan, &mut rows, &mut (), progress).expect("nothing that can fail keeps the rows")
+    estimate_plan(&casting, &plan, &mut rows, &mut (), progress)
 }
 
 /// As [`estimate`], of the rows that `plan` asks for. Those that `rows` has are taken from there, the others are cast
 /// and put there; which of them were known makes no difference to the result.
 ///
 /// # Errors
-/// Those of `keeper`.
+/// Those of `keeper`, and [`Error::Interrupted`](crate::Error::Interrupted).
 pub fn estimate_plan(
     casting: &Casting,
     plan: &Plan,
@@ -106,6 +114,7 @@ pub fn estimate_plan(
             // What reached patches see gets a row next.
             let sees = |i: u32| plan.backwards || reached[i as usize];
             for slice in caster.slices(&wave) {
+                progress::go_on(progress, "form factors")?;
                 cast += caster.add(slice, &few, Some(Seen { by: &sees, marks: &met }), rows, keeper)?;
                 progress.advance(slice.len() as u64);
             }
@@ -169,6 +178,23 @@ pub fn estimate_plan(
     let outside = (0..n).map(|i| !has_row[i] && views[i] == View::Outside).collect();
     let form_factors = FormFactors::of_rows(rows, if plan.all { &has_row } else { &reached }, &reached);
     Ok(Estimate { form_factors, reached, visible, outside, few, rays: cast, clear })
+}
+
+/// Casts the rows that [`estimate_plan`] casts first for a `plan` that goes backwards; which of the other rows it then
+/// gives fewer rays.
+///
+/// # Errors
+/// As of [`estimate_plan`].
+pub fn first_wave(
+    casting: &Casting,
+    plan: &Plan,
+    rows: &mut Rows,
+    keeper: &mut dyn RowKeeper,
+    progress: &dyn Progress,
+) -> Result<Vec<bool>> {
+    let wave: Vec<u32> = (0..plan.start.len() as u32).filter(|&i| plan.start[i as usize]).collect();
+    cast(casting, &wave, &[], rows, keeper, progress)?;
+    Ok(little_seen(rows, &wave, plan.start, casting.rays))
 }
 
 /// Takes from `pending` the patches that see a reached one.

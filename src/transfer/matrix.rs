@@ -92,6 +92,11 @@ impl FormFactors {
         self.closed
     }
 
+    /// Rays of all rows.
+    pub fn all_rays(&self) -> u64 {
+        self.valid.iter().chain(&self.hidden).map(|&n| n as u64).sum()
+    }
+
     /// Bytes that hold the matrix.
     pub fn size_in_bytes(&self) -> usize {
         let bytes: usize = self.blocks.iter().map(|b| b.len() + size_of::<Bytes>()).sum();
