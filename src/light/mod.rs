@@ -11,6 +11,7 @@ use glam::Vec3;
 use crate::{Scene, scene::Light};
 
 mod aim;
+mod beside;
 mod bright;
 mod emitters;
 mod estimate;
@@ -26,6 +27,7 @@ mod spherical;
 mod stream;
 mod tree;
 
+pub use beside::beside_lamps;
 pub use bright::Bright;
 pub use estimate::{irradiance, irradiance_where};
 pub use known::{Census, Known, Spared, View};
