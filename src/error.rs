@@ -39,6 +39,9 @@ pub enum Error {
     /// A ray-tracing or image backend is absent or failed: choose another one.
     #[error("{0}")]
     Backend(String),
+    /// The scheduler of a farm is absent or refuses: its own words say what to change.
+    #[error("{0}")]
+    Scheduler(String),
 }
 
 impl Error {

@@ -74,6 +74,7 @@ pub mod bake;
 pub mod bench;
 pub mod compare;
 pub mod estimate;
+pub mod farm;
 pub mod forecast;
 pub mod goal;
 pub mod output;

@@ -1,0 +1,4 @@
+//! One bake on many machines.
+
+mod slurm;
+pub mod submit;
