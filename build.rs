@@ -1,11 +1,13 @@
-//! Finds the native libraries and compiles `ffi/`; decides nothing else.
+//! Finds the native libraries, compiles `ffi/`, and tells the crate which build it is; decides nothing else.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::exit;
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-changed=ffi");
+    identity();
     if feature("embree") {
         embree();
     }
@@ -21,6 +23,30 @@ fn main() {
 
 fn feature(name: &str) -> bool {
     std::env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase())).is_some()
+}
+
+/// What `BuildId` says of this build: a hash of all that is compiled, the compiler, the target.
+fn identity() {
+    let mut hash = 0xcbf2_9ce4_8422_2325;
+    let mut left: Vec<PathBuf> = ["Cargo.toml", "Cargo.lock", "build.rs", "ffi", "src"].map(PathBuf::from).into();
+    while let Some(path) = left.pop() {
+        println!("cargo::rerun-if-changed={}", path.display());
+        let mut inner: Vec<PathBuf> = fs::read_dir(&path).into_iter().flatten().flatten().map(|e| e.path()).collect();
+        inner.sort();
+        // A folder has no content; a lock file may be missing.
+        let content = fs::read(&path).unwrap_or_default();
+        // FNV-1a.
+        for &byte in path.to_string_lossy().as_bytes().iter().chain(&content) {
+            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+        left.extend(inner);
+    }
+    let rustc = std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let version = std::process::Command::new(rustc).arg("--version").output();
+    let version = version.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned()).unwrap_or_default();
+    println!("cargo::rustc-env=LUXEL_SOURCE={hash:016x}");
+    println!("cargo::rustc-env=LUXEL_COMPILER={version}");
+    println!("cargo::rustc-env=LUXEL_TARGET={}", std::env::var("TARGET").unwrap_or_default());
 }
 
 /// Embree 4, else Embree 3. Debian ships no `.pc` file for either, so the default folders are searched too.

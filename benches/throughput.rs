@@ -14,7 +14,7 @@ use luxel::{
     scene,
     simplify::Simplified,
     trace::{self, Geometry, Hit, RayBatch, RayTracer},
-    transfer::{self, Emitter, Plan, PointSets},
+    transfer::{self, Casting, Emitter, Plan, PointSets, Rows},
 };
 use rayon::prelude::*;
 
@@ -120,13 +120,23 @@ fn measure(path: &Path, backends: &[Backend], asked: f64) -> luxel::Result<Vec<f
     let (simplified, reached) = (&bake.simplified, &bake.light.reached);
     let unreached: Vec<bool> = reached.iter().map(|r| !r).collect();
     let rows: Vec<u32> = (0..reached.len() as u32).filter(|&i| reached[i as usize]).collect();
-    let plan = Plan { start: reached, outer: &unreached, ..Plan::default() };
+    let plan = Plan { start: reached, ..Plan::default() };
     let mut rates = Vec::new();
     for tracer in &tracers {
         let (mut bare, mut batch, mut stage) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
             let begun = Instant::now();
-            let estimate = transfer::estimate_plan(simplified, tracer.get(), &plan, RAYS, 0, &Silent);
+            let casting = Casting {
+                simplified,
+                tracer: tracer.get(),
+                outer: &unreached,
+                rays: RAYS,
+                seed: 0,
+                again: 0,
+                marked: false,
+            };
+            let mut store = Rows::new(simplified.patches.len());
+            let estimate = transfer::estimate_plan(&casting, &plan, &mut store, &mut (), &Silent)?;
             stage.push(estimate.rays as f64 / begun.elapsed().as_secs_f64() * 1e-6);
             let (without, with) = alone(simplified, &rows, tracer);
             bare.extend(without);

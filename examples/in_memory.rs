@@ -91,7 +91,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
 
     // Step 6: form factors of the patches that light can reach.
     let lit: Vec<bool> = direct.irradiance.iter().map(|&e| e != Vec3::ZERO).collect();
-    let estimate = transfer::estimate(&simplified, &*tracer, &lit, false, options.rays, seed, &Silent);
+    let estimate = transfer::estimate(&simplified, &*tracer, &lit, false, options.rays, seed, &Silent)?;
     let f = &estimate.form_factors;
     println!("transfer     {} rays, {} form factors in {} bytes", estimate.rays, f.nonzeros(), f.size_in_bytes());
 
@@ -121,6 +121,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
         cos_threshold: options.normal_threshold.to_radians().cos(),
         senders: None,
         level: &Level::default(),
+        stencils: None,
     };
     Ok(reconstruct::interpolate(&field, options.reconstruct, &[at])[0])
 }

@@ -1,69 +1,91 @@
 //! The program: one line a stage, in the order of the paper's algorithm.
 
-use std::{borrow::Cow, time::Instant};
+use std::time::Instant;
 
 use crate::{
-    BakeOptions, Error, Result, Scene, estimate, forecast,
+    BakeOptions, Error, Result, Scene, estimate,
     light::{Census, LampPower, LightSet},
-    options::{PatchSource, Primary},
+    options::Primary,
     progress::Progress,
-    reconstruct::PatchIndex,
     report::Report,
-    simplify::{self, Grid},
-    skip::{self, Foresight, Wanted},
-    trace::{self, Hit},
+    trace::Hit,
+    transfer::RowKeeper,
 };
 
 mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod outline;
+mod prepared;
 mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
+pub use outline::{Outline, outline};
+pub use prepared::Kept;
+pub(crate) use prepared::ROWS_A_BLOCK;
 
 use exchange::Exchange;
 use measure::{Clock, Work};
-use needs::Needs;
+use prepared::Prepared;
 use skipped::Found;
 
 /// Bakes a scene.
 ///
 /// # Errors
 /// [`Error::Scene`] without geometry or light, [`Error::Backend`] for a tracer that is not there, [`Error::Option`]
-/// for options without sense or voxels too small for the memory.
+/// for options without sense or voxels too small for the memory, [`Error::Interrupted`] if `progress` asks to stop.
 pub fn bake(scene: &Scene, options: &BakeOptions, progress: &dyn Progress) -> Result<Bake> {
-    bake_until(scene, options, progress, None)
+    bake_with(scene, options, &mut Kept::default(), &mut Run { progress, keeper: &mut (), deadline: None })
 }
 
-/// As [`bake`]; gives up at the end of the first stage that ends after `deadline`, if it is not the last.
-pub(crate) fn bake_until(
-    scene: &Scene,
-    options: &BakeOptions,
-    progress: &dyn Progress,
-    deadline: Option<Instant>,
-) -> Result<Bake> {
+/// What runs beside a bake.
+pub struct Run<'a> {
+    /// Is told of the progress.
+    pub progress: &'a dyn Progress,
+    /// Is shown the rows that are cast.
+    pub keeper: &'a mut dyn RowKeeper,
+    /// When to give up: at the end of the first stage that ends later, if it is not the last.
+    pub deadline: Option<Instant>,
+}
+
+/// As [`bake`], with what is kept of earlier work.
+///
+/// # Errors
+/// Those of [`bake`] and of the keeper of `run`; [`Error::Stopped`] after its deadline.
+pub fn bake_with(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut Run) -> Result<Bake> {
     check(scene, options)?;
-    let only = Wanted::new(scene, &options.only)?;
-    let mut clock = Clock::new(deadline);
-    let (scene, plain) = if options.skip { skip::plain(scene) } else { (Cow::Borrowed(scene), Vec::new()) };
-    let scene = &*scene;
+    if !scene.has_light() {
+        return Err(Error::Scene(scene.no_light_message()));
+    }
+    let mut clock = Clock::new(run.deadline, run.progress);
+    let prepared = Prepared::new(scene, options, kept, &mut clock)?;
+    light(prepared, options, kept, run, clock)
+}
 
-    let grid = Grid::new(scene, options.resolution)?;
-    simplify::check_size(scene, &grid, forecast::FRAGMENT_BYTES)?;
-    let geometry = scene.geometry();
-    let tracer = trace::build(options.backend, &geometry)?;
-    let mut foresight = Foresight::new(options.skip, &geometry);
+/// Makes what a bake of `scene` needs for any lights and albedos, and puts it into `kept`: all of it is there after; how
+/// many form-factor rays that took.
+///
+/// # Errors
+/// Those of [`bake_with`], but for the lack of light.
+pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut Run) -> Result<u64> {
+    check(scene, options)?;
+    kept.marked = true;
+    let mut clock = Clock::new(run.deadline, run.progress);
+    let prepared = Prepared::new(scene, options, kept, &mut clock)?;
+    let rays = prepared.cast(options, kept, run.keeper, run.progress)?;
+    kept.stencils = Some(prepared.stencils(options, &kept.rows));
+    kept.simplified = Some(prepared.simplified);
+    Ok(rays)
+}
+
+/// Lights a prepared scene.
+fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut Run, mut clock: Clock) -> Result<Bake> {
+    let progress = run.progress;
+    let Prepared { scene, plain, only, tracer, face_tracer, mut foresight, simplified, index, needs } = prepared;
+    let (scene, only) = (&*scene, only.as_ref());
     let lights = LightSet::new(scene);
-    clock.stop("build")?;
-
-    let simplified = simplify::simplify(scene, grid, options, &*tracer)?;
-    let own = options.patches != PatchSource::Surfels;
-    let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
-    simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
-    clock.stop("simplify")?;
-
     let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
     let lamps = LampPower::new(&lights, &*tracer, inside, options.seed);
     let mut lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
@@ -81,7 +103,7 @@ pub(crate) fn bake_until(
     let mut shadows = foresight.take();
     clock.stop("direct")?;
 
-    let rows_tracer = face_tracer.as_deref().unwrap_or(&*tracer);
+    let casting = needs.casting(&simplified, face_tracer.as_deref().unwrap_or(&*tracer), options, kept.marked);
     let mut lit = exchange.lit(&direct);
     if !lit.contains(&true) {
         return Err(Error::Scene(format!(
@@ -90,11 +112,10 @@ pub(crate) fn bake_until(
             scene.name
         )));
     }
-    let index = PatchIndex::new(&simplified.patches, grid);
-    let needs = Needs::new(scene, &simplified, &index, options, only.as_ref(), &foresight);
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
+    let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {
-        let estimate = needs.estimate(&simplified, rows_tracer, &lit, options, progress);
+        let estimate = needs.estimate(&casting, &lit, &mut kept.rows, run.keeper, progress)?;
         row_rays += estimate.rays;
         rows_seconds += clock.stop("form factors")?;
         let primary = exchange.primary(&direct, &estimate.form_factors);
@@ -135,7 +156,7 @@ pub(crate) fn bake_until(
         dark: needs::forget_dark(&mut lights, census),
         bands,
     };
-    let mesh = vertices::mesh(scene, &simplified, &light, &index, options, only.as_ref(), &*tracer);
+    let mesh = vertices::mesh(scene, &simplified, &light.reached, &index, options, only, &*tracer);
     clock.stop("split mesh")?;
 
     let mut bake = Bake {
@@ -152,6 +173,7 @@ pub(crate) fn bake_until(
         glow: primary.glow,
         smooth: secondary.smooth,
         carried: secondary.carried,
+        stencils: kept.stencils.take(),
         foresight,
         index,
         normals: scene.normals(),
@@ -162,12 +184,13 @@ pub(crate) fn bake_until(
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices")?;
 
-    let error = options.estimate.then(|| estimate::estimate(scene, &bake));
+    let error = options.estimate.then(|| estimate::estimate(scene, &bake, &kept.again));
     if error.is_some() {
         clock.stop("estimate")?;
     }
 
-    let work = Work { solution, row_rays, visibility, rows_seconds, lamps, found };
+    let rows_cast = kept.rows.blocks()[blocks_before..].iter().map(|block| block.rows.len()).sum();
+    let work = Work { solution, row_rays, visibility, rows_seconds, rows_cast, lamps, found };
     bake.report = measure::report(scene, &bake, work, clock);
     (bake.report.error, bake.error) = error.unzip();
     Ok(bake)
@@ -195,9 +218,6 @@ fn check(scene: &Scene, options: &BakeOptions) -> Result<()> {
     }
     if !(options.normal_threshold > 0.0 && options.normal_threshold < 90.0) {
         return wrong(format!("normal threshold {} is not between 0 and 90 degrees", options.normal_threshold));
-    }
-    if !scene.has_light() {
-        return Err(Error::Scene(scene.no_light_message()));
     }
     Ok(())
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use crate::{
     BakeOptions, Error, Result, Scene,
-    bake::{self, Bake},
+    bake::{self, Bake, Kept, Run},
     options::{Primary, Resolution},
     progress::Progress,
     report::{ErrorParts, GoalReport, GoalStep},
@@ -135,6 +135,7 @@ impl Search<'_> {
             };
             let found = match self.step(setting, Some(expected), deadline) {
                 Ok(found) => found,
+                Err(error @ Error::Interrupted(_)) => return Err(error),
                 // What was baked before is there still.
                 Err(error) => break error.to_string(),
             };
@@ -167,6 +168,11 @@ impl Search<'_> {
         })
     }
 
+    fn bake(&self, options: &BakeOptions, deadline: Option<Instant>) -> Result<Bake> {
+        let mut run = Run { progress: self.progress, keeper: &mut (), deadline };
+        bake::bake_with(self.scene, options, &mut Kept::default(), &mut run)
+    }
+
     /// Voxels along the longest side of the scene.
     fn fineness(&self, resolution: Resolution) -> Result<f64> {
         let one = Grid::new(self.scene, Resolution::Grid(1))?.voxel_size;
@@ -177,7 +183,7 @@ impl Search<'_> {
         let Setting { resolution, fineness, rays, samples } = setting;
         let options = BakeOptions { resolution, rays, point_samples: samples, ..self.options.clone() };
         let begun = Instant::now();
-        let bake = bake::bake_until(self.scene, &options, self.progress, deadline);
+        let bake = self.bake(&options, deadline);
         let seconds = begun.elapsed().as_secs_f64();
         let error = bake.as_ref().ok().and_then(|b| b.report.error.as_ref()).map(|e| e.total);
         let told = error.map(|e| e.total);

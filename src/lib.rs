@@ -55,6 +55,7 @@
 #![warn(missing_docs)]
 
 pub mod error;
+pub mod lock;
 pub mod options;
 pub mod progress;
 pub mod quality;
@@ -77,6 +78,7 @@ pub mod estimate;
 pub mod farm;
 pub mod forecast;
 pub mod goal;
+pub mod lxt;
 pub mod output;
 pub mod reference;
 pub mod selftest;

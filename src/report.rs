@@ -23,6 +23,8 @@ pub struct Report {
     pub stages: Vec<Stage>,
     /// Ray statistics.
     pub rays: Rays,
+    /// Rows of form factors: which were there, which were cast.
+    pub rows: RowCounts,
     /// Largest resident memory of the process, bytes.
     pub peak_memory_bytes: u64,
     /// Balance of power.
@@ -82,6 +84,22 @@ pub struct Rays {
     pub form_factor_mrays_per_second: f64,
     /// Shadow and visibility rays.
     pub visibility: u64,
+}
+
+/// Rows of form factors, by where they came from. Everything but these, the times and the rays is the same wherever that
+/// was.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct RowCounts {
+    /// Rows that the solution uses.
+    pub used: usize,
+    /// Rays of these, whoever cast them.
+    pub rays: u64,
+    /// Rows that this bake cast.
+    pub cast: usize,
+    /// The file that other rows came from; `None` if there was none.
+    pub from: Option<String>,
+    /// The file that the rows are kept in; `None` if they are not, or were there before.
+    pub kept_in: Option<String>,
 }
 
 /// Balance of power per RGB channel, W.

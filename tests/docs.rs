@@ -94,10 +94,12 @@ const FOREIGN: [&str; 24] = [
     "--termseq",
 ];
 
+const COMMANDS: [&str; 9] =
+    ["bake", "prepare", "relight", "points", "check", "reference", "compare", "selftest", "bench"];
+
 #[test]
 fn every_option_that_the_documents_name_exists() {
-    let texts =
-        ["bake", "points", "check", "reference", "compare", "selftest", "bench"].map(|command| help(&[command]));
+    let texts = COMMANDS.map(|command| help(&[command]));
     let known: BTreeSet<&str> = texts.iter().flat_map(|text| options(text)).chain(FOREIGN).collect();
     for document in documents() {
         let text = fs::read_to_string(&document).unwrap();
@@ -111,7 +113,7 @@ fn every_option_that_the_documents_name_exists() {
 fn the_readme_names_every_option() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let named = options(&readme);
-    for command in ["bake", "points", "check", "reference", "compare", "selftest", "bench"] {
+    for command in COMMANDS {
         for option in options(&help(&[command])).into_iter().filter(|option| *option != "--help") {
             assert!(named.contains(option), "README.md leaves out {option} of luxel {command}");
         }

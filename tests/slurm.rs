@@ -99,7 +99,7 @@ fn shards_that_are_interrupted_or_killed_are_requeued_and_the_merge_waits_for_th
     let Some(cluster) = Cluster::start() else { return };
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("it's a plan");
-    plan(&scene("cornell.toml"), &folder, 11, &["--grid", "12", "--rays", "16"]);
+    plan(&scene("cornell.toml"), &folder, 11, &["--grid", "24", "--rays", "16"]);
     // More than the 9 that fit into one array: 7 of them are run to the end at once.
     let shard = stand_in(root.path(), "1) kill -KILL $$ ;; 2) exit 143 ;; 3 | 10) sleeps ;;");
     let (arrays, merge) = submit(&cluster, &folder, &shard, &["--slurm", "--partition", "all", "--time=10"]);
@@ -129,7 +129,7 @@ fn shards_that_fail_or_are_cancelled_are_not_requeued_and_there_is_no_merge() {
     let Some(cluster) = Cluster::start() else { return };
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("plan");
-    plan(&scene("cornell.toml"), &folder, 2, &["--grid", "4", "--rays", "16"]);
+    plan(&scene("cornell.toml"), &folder, 2, &["--grid", "12", "--rays", "16"]);
     let shard = stand_in(root.path(), "0) echo no such scene; exit 1 ;; 1) sleeps ;;");
     let (arrays, merge) = submit(&cluster, &folder, &shard, &["--slurm"]);
     let calls = || fs::read_to_string(folder.join("calls")).unwrap_or_default();
@@ -162,7 +162,7 @@ fn a_bake_by_slurm_whose_tasks_are_killed_and_requeued_in_mid_run_has_the_bytes_
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name);
     let scene = scene("cornell.toml");
-    let settings = ["--grid", "24", "--rays", "1024", "--point-samples", "8"];
+    let settings = ["--grid", "24", "--rays", "8192", "--point-samples", "8"];
     run(Command::new(LUXEL).arg("bake").arg(&scene).arg("-o").arg(path("bake")).args(settings));
     let folder = path("PLAN");
     plan(&scene, &folder, 3, &settings);

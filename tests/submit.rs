@@ -1,5 +1,8 @@
 //! `luxel farm submit` against commands that stand in for Slurm's.
 
+#[path = "common/farm.rs"]
+mod farm;
+
 use std::{
     fs,
     os::unix::fs::PermissionsExt,
@@ -7,6 +10,7 @@ use std::{
     process::{Command, Output},
 };
 
+use farm::{LUXEL, plan, scene};
 use tempfile::TempDir;
 
 /// A folder with a plan in `my plan`, and stand-ins in `bin` that list their calls in `calls`.
@@ -17,7 +21,8 @@ impl Site {
     fn new(sbatch: &str) -> Site {
         let site = Site(tempfile::tempdir().unwrap());
         fs::create_dir(site.path("bin")).unwrap();
-        fs::create_dir(site.path("my plan")).unwrap();
+        // More shards than the 9 that go into an array.
+        plan(&scene("cornell.toml"), &site.path("my plan"), 11, &["--grid", "24", "--rays", "16"]);
         let list = format!("echo \"${{0##*/}} $*\" >>'{}'", site.path("calls").display());
         site.program("sbatch", &format!("{list}\n{sbatch}"));
         site.program("scancel", &list);
@@ -36,10 +41,9 @@ impl Site {
     }
 
     fn submit(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_luxel"))
+        Command::new(LUXEL)
             .args(["farm", "submit", "my plan"])
             .args(arguments)
-            .env("LUXEL_SHARDS", "11")
             .env("PATH", format!("{}:/usr/bin:/bin", self.path("bin").display()))
             .current_dir(self.0.path())
             .output()
@@ -131,9 +135,8 @@ fn an_answer_that_names_no_job_is_an_error() {
 fn a_machine_without_slurm_is_told_what_else_to_do() {
     let site = Site::new("");
     fs::remove_dir_all(site.path("bin")).unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_luxel"))
+    let output = Command::new(LUXEL)
         .args(["farm", "submit", "my plan", "--slurm"])
-        .env("LUXEL_SHARDS", "11")
         .env("PATH", site.path("bin"))
         .current_dir(site.0.path())
         .output()

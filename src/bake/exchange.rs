@@ -182,6 +182,10 @@ impl Exchange<'_> {
         let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
         self.progress.begin("direct light", all.len() as u64);
         for block in all.chunks((PATCH_POINTS / samples as usize).max(1)) {
+            if self.progress.stopped() {
+                direct.resize(all.len(), Vec3::ZERO);
+                break;
+            }
             let mut points = transfer::patch_points(self.simplified, block, samples, self.options.seed);
             // Simplified meshes run through the real surfaces, whose shadows would fall on them.
             if !matches!(self.options.patches, PatchSource::Surfels | PatchSource::Faces) {

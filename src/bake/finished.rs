@@ -9,7 +9,7 @@ use crate::{
     light::{self, Known, LightSet},
     options::Reconstruct,
     progress::Progress,
-    reconstruct::{self, Field, PatchIndex, Senders},
+    reconstruct::{self, Field, PatchIndex, Senders, Stencils},
     report::Report,
     scene::SurfacePoint,
     simplify::{NO_PATCH, Patches, Simplified, SplitMesh},
@@ -71,6 +71,8 @@ pub struct Bake {
     pub(crate) smooth: Vec<Vec3>,
     /// Radiosity of the patches that goes on by form factors, W/m2.
     pub(crate) carried: Vec<Vec3>,
+    /// Which patches some points take their light from, where that was found out before.
+    pub(crate) stencils: Option<Stencils>,
     pub(super) foresight: Foresight,
     pub(super) index: PatchIndex,
     /// Normals of the scene's triangles.
@@ -146,6 +148,11 @@ impl Bake {
         let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
         let known = Known { view: &view, skip: self.foresight.on, census: None };
         for block in points.chunks(BLOCK) {
+            if progress.stopped() {
+                all.direct.resize(points.len(), Vec3::ZERO);
+                all.indirect.resize(points.len(), Vec3::ZERO);
+                break;
+            }
             let lit = |lights: &LightSet| {
                 let seed = self.options.seed;
                 let result = light::irradiance_where(lights, &*self.tracer, block, 1, samples, seed, &known);
@@ -187,6 +194,7 @@ impl Bake {
                 seed: self.options.seed,
             }),
             level: &self.foresight.level,
+            stencils: self.stencils.as_ref(),
         }
     }
 }

@@ -5,7 +5,8 @@ use std::time::Instant;
 use crate::{
     Error, Result, Scene,
     light::LampPower,
-    report::{Counts, Energy, Rays, Report, RowSums, Solver, Stage},
+    progress::{self, Progress},
+    report::{Counts, Energy, Rays, Report, RowCounts, RowSums, Solver, Stage},
     skip,
     solve::Solution,
     transfer::FormFactors,
@@ -17,15 +18,16 @@ use super::{
 };
 
 /// Times the stages.
-pub(super) struct Clock {
+pub(super) struct Clock<'a> {
     last: Instant,
     stages: Vec<Stage>,
     deadline: Option<Instant>,
+    progress: &'a dyn Progress,
 }
 
-impl Clock {
-    pub fn new(deadline: Option<Instant>) -> Clock {
-        Clock { last: Instant::now(), stages: Vec::new(), deadline }
+impl<'a> Clock<'a> {
+    pub fn new(deadline: Option<Instant>, progress: &'a dyn Progress) -> Clock<'a> {
+        Clock { last: Instant::now(), stages: Vec::new(), deadline, progress }
     }
 
     /// Seconds of a stage that has ended; zero if there was none.
@@ -36,7 +38,7 @@ impl Clock {
     /// Ends a stage, or a part of it; its seconds.
     ///
     /// # Errors
-    /// [`Error::Stopped`] if the deadline is over.
+    /// [`Error::Stopped`] if the deadline is over, [`Error::Interrupted`] if no more is wanted.
     pub fn stop(&mut self, name: &'static str) -> Result<f64> {
         let seconds = self.last.elapsed().as_secs_f64();
         match self.stages.iter_mut().find(|stage| stage.name == name) {
@@ -44,6 +46,7 @@ impl Clock {
             None => self.stages.push(Stage { name, seconds }),
         }
         self.last = Instant::now();
+        progress::go_on(self.progress, name)?;
         match self.deadline {
             Some(deadline) if self.last > deadline => Err(Error::Stopped(name.into())),
             _ => Ok(seconds),
@@ -58,6 +61,8 @@ pub(super) struct Work {
     /// Shadow rays to patches.
     pub visibility: u64,
     pub rows_seconds: f64,
+    /// Rows that were cast.
+    pub rows_cast: usize,
     /// Power of the lamps, W / scale^2.
     pub lamps: LampPower,
     pub found: Found,
@@ -90,6 +95,13 @@ pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Re
             form_factors: work.row_rays,
             form_factor_mrays_per_second: work.row_rays as f64 / work.rows_seconds * 1e-6,
             visibility: work.visibility,
+        },
+        rows: RowCounts {
+            used: (0..f.len()).filter(|&i| f.has_row(i)).count(),
+            rays: f.all_rays(),
+            cast: work.rows_cast,
+            from: None,
+            kept_in: None,
         },
         energy: energy(bake, &work.lamps, scene.frame.scale),
         row_sums: row_sums(f),

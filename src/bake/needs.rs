@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::PatchLight;
 use crate::{
-    BakeOptions, Scene,
+    BakeOptions, Result, Scene,
     light::{Census, LightSet},
     options::PatchSource,
     progress::Progress,
@@ -12,7 +12,7 @@ use crate::{
     simplify::Simplified,
     skip::{Foresight, Sky, Wanted},
     trace::RayTracer,
-    transfer::{self, Estimate, FormFactors, Plan},
+    transfer::{self, Casting, Estimate, FormFactors, Plan, RowKeeper, Rows},
 };
 
 /// Which rows are needed.
@@ -46,24 +46,42 @@ impl Needs {
         Needs { real, all: !options.skip, near, outer, black }
     }
 
+    /// Which rows are cast for light that starts at the patches `lit`.
+    pub fn plan<'a>(&'a self, lit: &'a [bool]) -> Plan<'a> {
+        let start = self.near.as_ref().map_or(lit, |[_, near]| near);
+        Plan { start, all: self.all, backwards: self.near.is_some(), black: &self.black }
+    }
+
+    /// How rows are cast.
+    pub fn casting<'a>(
+        &'a self,
+        simplified: &'a Simplified,
+        tracer: &'a dyn RayTracer,
+        options: &BakeOptions,
+        marked: bool,
+    ) -> Casting<'a> {
+        let (rays, seed) = (options.rays, options.seed);
+        Casting { simplified, tracer, outer: &self.outer, rays, seed, again: 0, marked }
+    }
+
     /// The rows, for light that starts at the patches `lit`.
+    ///
+    /// # Errors
+    /// Those of `keeper`.
     pub fn estimate(
         &self,
-        simplified: &Simplified,
-        tracer: &dyn RayTracer,
+        casting: &Casting,
         lit: &[bool],
-        options: &BakeOptions,
+        rows: &mut Rows,
+        keeper: &mut dyn RowKeeper,
         progress: &dyn Progress,
-    ) -> Estimate {
-        let backwards = self.near.is_some();
-        let start = self.near.as_ref().map_or(lit, |[_, near]| near);
-        let plan = Plan { start, all: self.all, outer: &self.outer, backwards, black: &self.black };
-        let mut estimate = transfer::estimate_plan(simplified, tracer, &plan, options.rays, options.seed, progress);
-        if backwards {
+    ) -> Result<Estimate> {
+        let mut estimate = transfer::estimate_plan(casting, &self.plan(lit), rows, keeper, progress)?;
+        if self.near.is_some() {
             // All that is lit may send light to the wanted meshes, by shadow rays too.
             estimate.reached.iter_mut().zip(lit).for_each(|(reached, lit)| *reached |= lit);
         }
-        estimate
+        Ok(estimate)
     }
 
     /// Learns from the rows what the points need not ask.

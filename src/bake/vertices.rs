@@ -8,14 +8,11 @@ use crate::{
     skip::Wanted,
     trace::RayTracer,
 };
-
-use super::PatchLight;
-
-/// The mesh that light is told at: sides that light reaches, and the fronts of the rest.
+/// The mesh that light is told at: sides whose patches light has `reached`, and the fronts of the rest.
 pub(super) fn mesh(
     scene: &Scene,
     simplified: &Simplified,
-    light: &PatchLight,
+    reached: &[bool],
     index: &PatchIndex,
     options: &BakeOptions,
     only: Option<&Wanted>,
@@ -27,7 +24,7 @@ pub(super) fn mesh(
         let fragments = &simplified.fragments;
         let lit = |f: usize, side: usize| {
             let patch = fragments.patch[f][side];
-            patch != NO_PATCH && light.reached[patch as usize]
+            patch != NO_PATCH && reached[patch as usize]
         };
         let wanted =
             |f: usize, side: usize| asked(fragments.triangle[f]) && (lit(f, side) || (side == 0 && !lit(f, 1)));
@@ -46,7 +43,7 @@ pub(super) fn mesh(
         let mut found = false;
         index.near(middle, reach, |j| {
             let ahead = (simplified.patches.centroid[j] - middle).dot(normal) > -0.01 * h;
-            found |= ahead && light.reached[j] && simplified.patches.normal[j].dot(normal) >= cos_threshold;
+            found |= ahead && reached[j] && simplified.patches.normal[j].dot(normal) >= cos_threshold;
         });
         found
     };

@@ -14,7 +14,7 @@ use crate::{
     Error, Result, Scene,
     compare::luminance,
     output::atomic::Staged,
-    progress::Progress,
+    progress::{Hushed, Progress},
     reference::{self, ReferenceOptions, Until},
     scene::SurfacePoint,
     trace::RayTracer,
@@ -71,7 +71,7 @@ impl Truth {
     }
 
     fn compute(scene: &Scene, tracer: &dyn RayTracer, settings: &Settings, progress: &dyn Progress) -> Result<Truth> {
-        let points = lit_points(scene, tracer, settings)?;
+        let points = lit_points(scene, tracer, settings, progress)?;
         let until = Until::StandardError { relative: settings.reference_error, most: settings.most_paths };
         let options = ReferenceOptions { until, seed: settings.seed };
         let found = reference::irradiance(scene, tracer, &points, &options, progress)?;
@@ -114,7 +114,12 @@ impl Truth {
 }
 
 /// Random points of the surfaces that light reaches: not those hidden inside or behind objects.
-fn lit_points(scene: &Scene, tracer: &dyn RayTracer, settings: &Settings) -> Result<Vec<SurfacePoint>> {
+fn lit_points(
+    scene: &Scene,
+    tracer: &dyn RayTracer,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Vec<SurfacePoint>> {
     let mut found = Vec::new();
     let mut tried = 0;
     while found.len() < settings.points {
@@ -128,7 +133,7 @@ fn lit_points(scene: &Scene, tracer: &dyn RayTracer, settings: &Settings) -> Res
         let candidates = points::random(scene, tried, settings.points, settings.seed);
         tried += candidates.len();
         let options = ReferenceOptions { until: Until::Samples(PROBE), seed: settings.seed ^ 0x9c };
-        let light = reference::irradiance(scene, tracer, &candidates, &options, &crate::progress::Silent)?;
+        let light = reference::irradiance(scene, tracer, &candidates, &options, &Hushed(progress))?;
         let lit = light.direct.iter().zip(&light.indirect).map(|(&d, &i)| luminance(d + i) > 0.0);
         found.extend(candidates.into_iter().zip(lit).filter(|(_, lit)| *lit).map(|(p, _)| p));
     }

@@ -7,7 +7,7 @@ use crate::{
     bake::Irradiance,
     compare::{Difference, difference, luminance},
     options::{Backend, PatchSource},
-    progress::{Progress, Silent},
+    progress::{self, Hushed, Progress},
     reference::{self, ReferenceOptions, Until},
     scene::SurfacePoint,
     trace::{self, RayTracer},
@@ -184,10 +184,12 @@ pub fn run(scene: &Scene, settings: &Settings, folder: &Path, progress: &dyn Pro
         for (method, runs) in &mut chosen {
             let due = round == 0 || runs.first().is_some_and(|first| first.seconds < ONCE);
             if due {
+                let quiet = Hushed(progress);
                 let result = match method {
-                    Method::Bake(configuration) => bake(scene, configuration, settings, &judge),
-                    Method::Paths(n) => paths(scene, &*tracer, *n, build_seconds, settings, &judge),
+                    Method::Bake(configuration) => bake(scene, configuration, settings, &judge, &quiet),
+                    Method::Paths(n) => paths(scene, &*tracer, *n, build_seconds, settings, &judge, &quiet),
                 };
+                progress::go_on(progress, &scene.name)?;
                 match (result, &method) {
                     (Ok(run), _) => {
                         if !tracers.contains(&run.tracer) {
@@ -269,14 +271,20 @@ impl Judge {
     }
 }
 
-fn bake(scene: &Scene, configuration: &Configuration, settings: &Settings, judge: &Judge) -> Result<Run> {
+fn bake(
+    scene: &Scene,
+    configuration: &Configuration,
+    settings: &Settings,
+    judge: &Judge,
+    progress: &dyn Progress,
+) -> Result<Run> {
     // The reference has seed, the curves have others.
-    let bake = crate::bake(scene, &configuration.options(settings.seed + 1), &Silent)?;
+    let bake = crate::bake(scene, &configuration.options(settings.seed + 1), progress)?;
     let needed = bake.report.stages.iter().filter(|stage| !NOT_NEEDED.contains(&stage.name));
     let bake_seconds: f64 = needed.map(|stage| stage.seconds).sum();
     let points = judge.points(TIMED.min(settings.job).div_ceil(judge.points.len()));
     let begun = Instant::now();
-    let Irradiance { direct, indirect, .. } = bake.irradiance(&points, &Silent);
+    let Irradiance { direct, indirect, .. } = bake.irradiance(&points, progress);
     let a_point = begun.elapsed().as_secs_f64() / points.len() as f64;
     let (total, indirect) = judge.differences(&direct, &indirect);
     Ok(Run {
@@ -296,10 +304,11 @@ fn paths(
     build_seconds: f64,
     settings: &Settings,
     judge: &Judge,
+    progress: &dyn Progress,
 ) -> Result<Run> {
     let options = ReferenceOptions { until: Until::Samples(paths), seed: settings.seed + 1 };
     let points = judge.points((ENOUGH_PATHS / paths) as usize);
-    let found = reference::irradiance(scene, tracer, &points, &options, &Silent)?;
+    let found = reference::irradiance(scene, tracer, &points, &options, progress)?;
     let (total, indirect) = judge.differences(&found.direct, &found.indirect);
     Ok(Run {
         seconds: build_seconds + found.seconds / points.len() as f64 * settings.job as f64,

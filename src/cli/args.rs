@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use luxel::{
     BakeOptions, Error, Goal, Quality, Result, Scene,
     options::{Backend, FaceColour, PatchSource, Primary, Reconstruct, Resolution},
-    scene::{SceneOverrides, SidesRule},
+    scene::{SceneOverrides, SidesRule, Source},
 };
 
 use super::parse;
@@ -215,18 +215,35 @@ impl BakeArgs {
     /// # Errors
     /// Those of [`luxel::scene::load`].
     pub fn load(&self) -> Result<Job> {
+        let (source, settle) = self.read()?;
+        Ok(settle(source.build()?))
+    }
+
+    /// As [`BakeArgs::load`]; with the scene as it was read.
+    ///
+    /// # Errors
+    /// As of [`BakeArgs::load`].
+    pub fn load_source(&self) -> Result<(Source, Job)> {
+        let (source, settle) = self.read()?;
+        let scene = source.clone().build()?;
+        Ok((source, settle(scene)))
+    }
+
+    /// The scene as its file has it, and how to bake what will be built of it.
+    fn read(&self) -> Result<(Source, impl FnOnce(Scene) -> Job)> {
         if let (Some(patches), Some(_)) = (self.settings.patches, &self.settings.proxy)
             && PatchSource::from(patches) != PatchSource::Proxy
         {
             return Err(Error::Option("--proxy gives the patches: leave --patches out, or make it proxy".into()));
         }
-        let (scene, file) = luxel::scene::load(&self.scene, &self.overrides())?;
+        let (source, file) = Source::load(&self.scene, &self.overrides())?;
         let mut base = BakeOptions::default();
         file.apply(&mut base);
         if let Some(quality) = self.settings.quality {
             Quality::from(quality).apply(&mut base);
         }
-        Ok(Job { scene, options: self.options(base), threads: self.running.threads.or(file.threads) })
+        let (options, threads) = (self.options(base), self.running.threads.or(file.threads));
+        Ok((source, move |scene| Job { scene, options, threads }))
     }
 
     /// What is asked of the bake.

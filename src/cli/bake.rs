@@ -1,70 +1,27 @@
 //! `luxel bake`.
 
-use std::{path::PathBuf, time::Instant};
+use std::path::PathBuf;
 
-use glam::DVec3;
-use luxel::{
-    Result, Scene,
-    bake::Bake,
-    options::PatchSource,
-    output::{
-        Sight,
-        atomic::Staged,
-        camera,
-        exr::{self, Compression},
-        glb::LitMesh,
-        hidden_backs, layers, ply, png,
-        preview::{self, Preview},
-        report::{PreviewRecord, Record, peak_memory_bytes, summary},
-        tonemap::ToneMap,
-    },
-    progress::Progress,
-    report::Stage,
-    scene::Camera,
-    simplify::patch_mesh,
-};
+use luxel::{Result, bake::Run, lxt::Cache};
 
 use super::{
-    args::{BakeArgs, Goals, Job},
-    parse,
+    args::{BakeArgs, Goals},
     progress::{Style, Terminal},
-    say,
+    results::Results,
 };
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// Folder for the results; made if it is missing
-    #[arg(long, short, value_name = "DIR")]
-    output: PathBuf,
     #[command(flatten)]
-    picture: Picture,
+    results: Results,
+    /// Folder of rows from earlier bakes: those of the same surfaces with the same settings are used again, whatever the
+    /// lights and albedos, and new ones are added
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["target_error", "budget"])]
+    cache: Option<PathBuf>,
     #[command(flatten)]
     goals: Goals,
     #[command(flatten)]
     bake: BakeArgs,
-}
-
-#[derive(clap::Args, Debug)]
-#[command(next_help_heading = "Preview")]
-struct Picture {
-    /// Make no pictures
-    #[arg(long)]
-    no_preview: bool,
-    /// Pixels of the pictures
-    #[arg(long, value_name = "WxH", value_parser = parse::size, default_value = "640x480")]
-    preview_size: (u32, u32),
-    /// Factor on radiance, for pictures and colours; without it one is chosen that makes the brightest 2 % white
-    #[arg(long, value_name = "X", value_parser = parse::positive_f32, allow_hyphen_values = true)]
-    exposure: Option<f32>,
-    /// Position and target of the camera, instead of the scene's or an automatic one
-    #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = parse::view, allow_hyphen_values = true)]
-    camera: Option<(DVec3, DVec3)>,
-    /// Which way is up in the pictures [default: the scene's camera's, else 0,1,0]
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse::direction, allow_hyphen_values = true)]
-    up: Option<DVec3>,
-    /// Vertical angle of view of the camera, degrees [default: the scene's camera's, else 45]
-    #[arg(long, value_name = "DEGREES", value_parser = parse::view_angle, allow_hyphen_values = true)]
-    fov: Option<f64>,
 }
 
 pub fn run(args: &Args) -> Result<()> {
@@ -72,103 +29,20 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = &job.scene;
     let goal = args.bake.goal(&args.goals);
     let running = &args.bake.running;
-    let staged = Staged::open(&args.output)?;
+    let cache = args.cache.as_deref().map(Cache::open).transpose()?;
+    let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let mut bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
-        let picture = (!args.picture.no_preview).then(|| {
-            let begun = Instant::now();
-            let camera = args.picture.camera(scene, &bake);
-            let pixels = preview::render(scene, &bake, &camera, args.picture.preview_size, &progress);
-            bake.report.stages.push(Stage { name: "preview", seconds: begun.elapsed().as_secs_f64() });
-            (camera, pixels)
-        });
-        progress.begin("output", 0);
-        write(args, &job, &mut bake, picture, staged)?;
-        progress.end();
+        let mut bake = match &cache {
+            Some(cache) => {
+                let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+                cache.bake(scene, &job.options, &mut run)?
+            }
+            None => luxel::bake_to(scene, &job.options, &goal, &progress)?,
+        };
+        args.results.write(scene, &mut bake, staged, &progress)?;
         Ok(bake)
     })?;
-    if !running.quiet && !running.json_progress {
-        say(&summary(scene, &bake.report));
-        say(&format!("{:<14}{}\n", "written to", args.output.display()));
-    }
+    args.results.tell(scene, &bake, running);
     Ok(())
-}
-
-impl Picture {
-    /// The camera: that of the arguments, else the scene's, else an automatic one.
-    fn camera(&self, scene: &Scene, bake: &Bake) -> Camera {
-        let up = self.up.or(scene.camera.map(|c| c.up)).unwrap_or(DVec3::Y);
-        let own = scene.camera.map(|c| Camera { up, vertical_fov: self.fov.unwrap_or(c.vertical_fov), ..c });
-        let given = self.camera.map(|(position, target)| Camera {
-            position,
-            target,
-            up,
-            vertical_fov: self.fov.or(scene.camera.map(|c| c.vertical_fov)).unwrap_or(45.0),
-        });
-        given.or(own).unwrap_or_else(|| {
-            let hidden = hidden_backs(scene);
-            let brightness = camera::brightness(scene, &bake.mesh, &bake.vertices);
-            let aspect = self.preview_size.0 as f32 / self.preview_size.1 as f32;
-            let automatic = camera::automatic(scene, &Sight::new(bake.tracer(), &hidden), &brightness, up, aspect);
-            Camera { vertical_fov: self.fov.unwrap_or(automatic.vertical_fov), ..automatic }
-        })
-    }
-}
-
-fn write(
-    args: &Args,
-    job: &Job,
-    bake: &mut Bake,
-    picture: Option<(Camera, Preview)>,
-    mut staged: Staged,
-) -> Result<()> {
-    let begun = Instant::now();
-    let scene = &job.scene;
-    let voxel_size = bake.report.counts.voxel_size;
-    staged.write("vertices.ply", |out| {
-        ply::write_vertices(out, &bake.mesh, &bake.vertices, bake.error.as_ref(), &scene.frame, voxel_size)
-    })?;
-    let lit = LitMesh::new(scene, &bake.mesh, &bake.vertices);
-    let exposed = |automatic: ToneMap| args.picture.exposure.map_or(automatic, |exposure| ToneMap { exposure });
-    let tone = exposed(lit.tone());
-    staged.write("lit.glb", |out| lit.write(out, scene, tone))?;
-    let stand_in = match job.options.patches {
-        PatchSource::Surfels | PatchSource::Faces => None,
-        PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => Some(patch_mesh(&bake.simplified)),
-    };
-    let patches = ply::PatchFile {
-        mesh: stand_in.as_ref().unwrap_or(&bake.mesh),
-        patches: bake.patches(),
-        light: &bake.light,
-        frame: &scene.frame,
-        voxel_size,
-        tone,
-        squares: job.options.patches == PatchSource::Faces,
-    };
-    staged.write("patches.ply", |out| patches.write(out))?;
-    let mut record = None;
-    if let Some((camera, preview)) = picture {
-        let tone = exposed(preview.tone());
-        let exitance = preview.exitance_radiance();
-        let pictures = [
-            ("1-direct.png", &preview.direct),
-            ("2-patches.png", &exitance),
-            ("3-secondary.png", &preview.secondary),
-            ("4-combined.png", &preview.combined),
-        ];
-        for (name, pixels) in pictures {
-            staged.write(name, |out| png::write(out, preview.width, preview.height, pixels, tone))?;
-        }
-        staged.write_path("preview.exr", |path| {
-            exr::write(path, &layers::image(&preview, &bake.report), Compression::Zip)
-        })?;
-        record = Some(PreviewRecord::new(&camera, args.picture.preview_size, tone.exposure));
-    }
-    bake.report.stages.push(Stage { name: "output", seconds: begun.elapsed().as_secs_f64() });
-    bake.report.peak_memory_bytes = peak_memory_bytes();
-    let command: Vec<String> = std::env::args().collect();
-    let record = Record { command: &command, scene: &scene.name, report: &bake.report, preview: record };
-    staged.write("bake.json", |out| record.write(out))?;
-    staged.commit().map(drop)
 }

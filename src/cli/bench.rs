@@ -13,7 +13,7 @@ use super::{
     args::{Lights, Running, on_threads},
     parse,
     progress::{Style, Terminal},
-    say,
+    say, signals,
 };
 
 #[derive(clap::Args, Debug)]
@@ -76,6 +76,7 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let running = &args.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
+    signals::set_remedy(format!("scenes and references that were done are in {}", args.output.display()));
     on_threads(running.threads, || {
         let machine = Machine::here();
         let mut benches: Vec<SceneBench> = Vec::new();

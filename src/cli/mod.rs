@@ -8,22 +8,29 @@ use std::{
 };
 
 use clap::{Parser, Subcommand};
+use luxel::Error;
 
 mod args;
 mod bake;
 mod bench;
 mod check;
 mod compare;
+mod farm;
 mod parse;
 mod points;
+mod prepare;
 mod progress;
 mod reference;
+mod relight;
+mod results;
 mod selftest;
+mod signals;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
-/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked, 101 a bug of
-/// luxel.
+/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked or shards
+/// are not there to be merged, 101 a bug of
+/// luxel, 130 and 143 ended by SIGINT and SIGTERM.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -35,6 +42,12 @@ struct Cli {
 enum Command {
     /// Bake a scene: light of vertices and patches, pictures, a report
     Bake(bake::Args),
+    /// Compute once what no light or albedo changes, and keep it in a transfer file
+    Prepare(prepare::Args),
+    /// Bake the scene of a transfer file with other lights and albedos, without casting a form-factor ray
+    Relight(relight::Args),
+    /// Share a bake out among processes and machines: plan, shard, status, merge
+    Farm(farm::Args),
     /// Tell what a scene holds and what a bake would take, without tracing a ray
     Check(check::Args),
     /// Irradiance at given points
@@ -49,7 +62,7 @@ enum Command {
     Selftest(selftest::Args),
 }
 
-/// Exit code where all was done, and a figure is worse than asked.
+/// Exit code where all was done, and a figure is worse than asked; and where shards are not there to be merged.
 const WORSE: u8 = 3;
 
 /// Exit code of a bug, as of any panic of a Rust program.
@@ -60,9 +73,16 @@ pub fn main() -> ExitCode {
     // Usage errors end here, with code 2.
     let cli = Cli::parse();
     let last_words = remember_panics();
+    if let Err(error) = signals::install() {
+        // The work can be done; it ends less gently.
+        complain(&format!("signals cannot be caught: {error}"));
+    }
     // Nothing of the unwound state is used again.
     let result = panic::catch_unwind(AssertUnwindSafe(|| match &cli.command {
         Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Prepare(args) => prepare::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Relight(args) => relight::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Farm(args) => farm::run(args),
         Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
         Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
         Command::Reference(args) => reference::run(args).map(|()| ExitCode::SUCCESS),
@@ -73,8 +93,12 @@ pub fn main() -> ExitCode {
     match result {
         Ok(Ok(code)) => code,
         Ok(Err(error)) => {
+            if let (Error::Interrupted(_), Some(signal)) = (&error, signals::caught()) {
+                complain(&signals::message(signal));
+                return ExitCode::from(signals::code(signal));
+            }
             complain(&error.to_string());
-            ExitCode::FAILURE
+            if matches!(error, Error::Shards { .. }) { ExitCode::from(WORSE) } else { ExitCode::FAILURE }
         }
         Err(_) => {
             let words = last_words.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone();

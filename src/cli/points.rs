@@ -11,6 +11,7 @@ use luxel::{
     Error, Result,
     bake::Irradiance,
     output::{atomic::Staged, report::summary},
+    progress,
     scene::{Frame, SurfacePoint},
 };
 
@@ -60,6 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
     let (bake, light) = job.on_threads(|| {
         let bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
         let light = bake.irradiance(&points.iter().map(|p| p.local(&scene.frame)).collect::<Vec<_>>(), &progress);
+        progress::go_on(&progress, "points")?;
         Ok((bake, light))
     })?;
     staged.write(name, |out| write(out, &points, &light))?;

@@ -13,6 +13,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use luxel::progress::Progress;
 use serde_json::json;
 
+use super::signals;
+
 /// Seconds between two plain lines of one stage, and between two JSON lines.
 const PLAIN_EVERY: f64 = 5.0;
 const JSON_EVERY: f64 = 0.5;
@@ -60,6 +62,7 @@ struct Stage {
 impl Terminal {
     /// Tells in the given style.
     pub fn new(style: Style) -> Terminal {
+        signals::grant_grace();
         Terminal { style, done: AtomicU64::new(0), stage: Mutex::new(None) }
     }
 
@@ -136,6 +139,10 @@ impl Progress for Terminal {
             stage.told = Instant::now();
             self.tell(stage, done, false);
         }
+    }
+
+    fn stopped(&self) -> bool {
+        signals::caught().is_some()
     }
 
     fn end(&self) {

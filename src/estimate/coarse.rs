@@ -141,6 +141,7 @@ impl Coarse {
             index: &self.index,
             known: &self.known,
             level: &self.level,
+            stencils: None,
             ..bake.field(values, &bake.carried)
         }
     }

@@ -20,12 +20,15 @@ use crate::{
     sampling,
     scene::SurfacePoint,
     simplify::NO_PATCH,
+    transfer::Rows,
 };
 
 mod coarse;
 mod local;
 mod patches;
 mod spread;
+
+pub(crate) use patches::again;
 
 use coarse::Coarse;
 use local::Local;
@@ -63,8 +66,8 @@ struct Variance {
 
 /// Estimates the error of `bake`. Same bake, same bits, on any number of threads.
 ///
-/// Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
-pub fn estimate(scene: &Scene, bake: &Bake) -> (ErrorReport, VertexError) {
+/// `again` holds rows of other rays; those that are not there are cast. Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
+pub(crate) fn estimate(scene: &Scene, bake: &Bake, again: &Rows) -> (ErrorReport, VertexError) {
     let share = if bake.options.reconstruct.gathers() { GATHERING_SHARE } else { SHARE };
     let looked_at = chosen(bake.mesh.samples.len(), share, LEAST, bake.options.seed ^ CHOICE);
     let points: Vec<SurfacePoint> = looked_at.iter().map(|&v| bake.mesh.samples[v as usize]).collect();
@@ -73,10 +76,10 @@ pub fn estimate(scene: &Scene, bake: &Bake) -> (ErrorReport, VertexError) {
     let mut direct = Variance::of_shadow_rays(bake, &bake.lights, &points);
     if let Some(glow) = &bake.glow {
         let field = Field { received: glow, sent: &bake.patches().emitted, reflects: false };
-        direct.add(&patches::variance(bake, &coarse, &field, &points));
+        direct.add(&patches::variance(bake, &coarse, &field, &points, again));
     }
     let field = Field { received: &bake.smooth, sent: &bake.carried, reflects: true };
-    let mut indirect = patches::variance(bake, &coarse, &field, &points);
+    let mut indirect = patches::variance(bake, &coarse, &field, &points, again);
     if let Some(bright) = &bake.bright {
         indirect.add(&Variance::of_shadow_rays(bake, bright, &points));
     }

@@ -8,7 +8,12 @@ use super::{
     local::Local,
 };
 use crate::{
-    bake::Bake, options::Reconstruct, output::tonemap::luminance, reconstruct, sampling, scene::SurfacePoint, transfer,
+    bake::Bake,
+    options::Reconstruct,
+    output::tonemap::luminance,
+    reconstruct, sampling,
+    scene::SurfacePoint,
+    transfer::{self, Casting, Rows},
 };
 
 /// A light that patches send each other by form factors.
@@ -36,9 +41,10 @@ const ORDER: f64 = 1.25;
 const LIFT: f32 = 100.0;
 
 /// Noise and discretisation error of a field at `points`.
-pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[SurfacePoint]) -> Variance {
+pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[SurfacePoint], again: &Rows) -> Variance {
     let light = coarse.light(bake, field);
-    let mut variance = interpolated(bake, coarse, field, &light, points);
+    let rows = row_noise(bake, field, again);
+    let mut variance = interpolated(bake, coarse, field, &light, points, &rows);
     if bake.options.reconstruct.gathers() {
         gathered(bake, field, &light, points, &mut variance);
     }
@@ -49,8 +55,14 @@ pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[Su
 ///
 /// White noise takes the same way as light: two realisations of it tell how much of the noise of patches is left at the
 /// points, and how much of it the two levels do not have in common.
-fn interpolated(bake: &Bake, coarse: &Coarse, field: &Field, light: &CoarseLight, points: &[SurfacePoint]) -> Variance {
-    let rows = row_noise(bake, field);
+fn interpolated(
+    bake: &Bake,
+    coarse: &Coarse,
+    field: &Field,
+    light: &CoarseLight,
+    points: &[SurfacePoint],
+    rows: &Local,
+) -> Variance {
     let white: Vec<[f64; 3]> = (0..field.received.len())
         .map(|i| {
             let bits = sampling::hash(&[bake.options.seed, SIGNS, i as u64]);
@@ -104,23 +116,32 @@ fn detail_of(square: f64) -> f64 {
     square / (2.0_f64.powf(ORDER) - 1.0).powi(2)
 }
 
+/// Patches, of so many, whose rows are cast again.
+pub fn again(patches: usize, seed: u64) -> Vec<u32> {
+    chosen(patches, SHARE, LEAST, seed ^ CHOICE)
+}
+
 /// Variance of the irradiance of rows: some are cast again, and meet the radiosity that is known.
-fn row_noise(bake: &Bake, field: &Field) -> Local {
+fn row_noise(bake: &Bake, field: &Field, rows: &Rows) -> Local {
     let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
-    let with_rows: Vec<u32> = (0..patches.len() as u32).filter(|&i| f.has_row(i as usize)).collect();
-    let picked: Vec<u32> = chosen(with_rows.len(), SHARE, LEAST, options.seed ^ CHOICE)
-        .into_iter()
-        .map(|k| with_rows[k as usize])
-        .collect();
+    let picked: Vec<u32> = again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
     let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
-    let (simplified, tracer, closed) = (&bake.simplified, bake.patch_tracer(), f.is_closed());
-    let again = transfer::receive_again(simplified, tracer, &picked, &sent, closed, options.rays, options.seed);
+    let casting = Casting {
+        simplified: &bake.simplified,
+        tracer: bake.patch_tracer(),
+        outer: &[],
+        rays: options.rays,
+        seed: options.seed,
+        again: 1,
+        marked: false,
+    };
+    let received = transfer::receive(&casting, &picked, &sent, f.is_closed(), rows);
 
     let light = |i: u32| luminance(field.received[i as usize]) as f64;
     let area: f64 = picked.iter().map(|&i| patches.area[i as usize] as f64).sum();
     let mean = picked.iter().map(|&i| patches.area[i as usize] as f64 * light(i)).sum::<f64>() / area;
     let mut local = Local::new(bake.simplified.grid, if area > 0.0 { mean } else { 0.0 });
-    for (&i, second) in picked.iter().zip(again) {
+    for (&i, second) in picked.iter().zip(received) {
         let k = i as usize;
         let place = SurfacePoint { position: patches.centroid[k], normal: patches.normal[k] };
         local.add(&place, patches.area[k] as f64, 0.5 * (second - light(i)).powi(2), light(i));

@@ -6,7 +6,10 @@ use std::{
     process::Command,
 };
 
-use super::slurm::{Job, array_size, cancel, run};
+use super::{
+    Plan,
+    slurm::{Job, array_size, cancel, run},
+};
 use crate::{Error, Result};
 
 const ARRAY: &str = "array.sbatch";
@@ -14,12 +17,10 @@ const MERGE: &str = "merge.sbatch";
 const LOGS: &str = "logs";
 
 /// What to submit.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Submission<'a> {
-    /// The plan's folder, which all nodes see under this path.
-    pub plan: &'a Path,
-    /// Shards of the plan, at least 1.
-    pub shards: u64,
+    /// The plan, whose folder all nodes see under the same path.
+    pub plan: &'a Plan,
     /// What the merge writes: a folder, or a transfer file.
     pub output: &'a Path,
     /// The luxel that the jobs run, unless their environment has another one in `LUXEL`.
@@ -64,7 +65,8 @@ pub fn batch(submission: &Submission) -> Result<Batch> {
             "{option} is not for sbatch here: the plan decides the array (see --at-once) and the scripts"
         )));
     }
-    let paths = ["plan", "output"].into_iter().zip([submission.plan, submission.output]);
+    let folder = submission.plan.folder();
+    let paths = ["plan", "output"].into_iter().zip([folder, submission.output]);
     let assignments: Vec<String> =
         paths.map(|(name, path)| Ok(format!("{name}={}", quoted(&text(path)?)))).collect::<Result<_>>()?;
     let program = format!("luxel=${{LUXEL:-{}}}", quoted(&text(submission.program)?));
@@ -76,12 +78,12 @@ pub fn batch(submission: &Submission) -> Result<Batch> {
         return Err(Error::Scheduler(format!("this Slurm takes no array jobs: its MaxArraySize is {size}")));
     }
     Ok(Batch {
-        plan: absolute(submission.plan).map_err(|e| Error::io(submission.plan, e))?,
+        plan: absolute(folder).map_err(|e| Error::io(folder, e))?,
         array_script: script(include_str!("array.sbatch"), &assignments[..1]),
         merge_script: script(include_str!("merge.sbatch"), &assignments),
         options: submission.options.to_vec(),
         at_once: submission.at_once,
-        arrays: arrays(submission.shards, size),
+        arrays: arrays(submission.plan.shards().len() as u64, size),
     })
 }
 

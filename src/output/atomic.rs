@@ -6,14 +6,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{Error, Result};
+use crate::{Error, Result, lock::Lock};
 
 /// A set of output files of one folder.
 ///
 /// Every file is written under a temporary name in the folder. [`Staged::commit`] moves all of them to their places,
 /// so a failed run leaves what was there before. Dropping without a commit removes the temporary files, and the
 /// folder too if [`Staged::open`] made it.
+///
+/// The file that was written last stands for all of them: it goes first from the place of its forerunner, and comes to it
+/// last. Where it is, the whole set is there, of one run, even if a commit was ended by a power cut.
 pub struct Staged {
+    /// Goes before the folder does.
+    lock: Option<Lock>,
     folder: PathBuf,
     /// Folders that were made, outermost first.
     made: Vec<PathBuf>,
@@ -28,7 +33,7 @@ impl Staged {
     /// # Errors
     /// [`Error::Io`] with the folder's path: it is a file, or cannot be made or written.
     pub fn open(folder: &Path) -> Result<Staged> {
-        let mut staged = Staged { folder: folder.into(), made: Vec::new(), files: Vec::new() };
+        let mut staged = Staged { lock: None, folder: folder.into(), made: Vec::new(), files: Vec::new() };
         if folder.exists() && !folder.is_dir() {
             return Err(Error::io(folder, io::Error::other("is a file; an output folder was expected")));
         }
@@ -41,6 +46,17 @@ impl Staged {
         let written = File::create(&probe).map_err(|e| Error::io(folder, e));
         fs::remove_file(&probe).ok();
         written.map(|_| staged)
+    }
+
+    /// As [`Staged::open`], for this process alone as long as it lives; `work` says what for. Temporary files that
+    /// killed processes have left of the files that are written are removed.
+    ///
+    /// # Errors
+    /// Those of [`Staged::open`]; [`Error::Busy`] if another process holds the folder.
+    pub fn open_alone(folder: &Path, work: &str) -> Result<Staged> {
+        let mut staged = Staged::open(folder)?;
+        staged.lock = Some(Lock::folder(folder, work)?);
+        Ok(staged)
     }
 
     /// Writes the file `name` with `fill` and flushes it to the disk.
@@ -64,6 +80,9 @@ impl Staged {
     /// Those of `write`, with the final path instead of the temporary one.
     pub fn write_path(&mut self, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
         let (temporary, target) = (self.temporary(name), self.folder.join(name));
+        if self.lock.is_some() {
+            self.sweep(name);
+        }
         // Listed first, so that the drop removes what a failure leaves.
         self.files.push((temporary.clone(), target.clone()));
         write(&temporary).map_err(|e| match e {
@@ -77,11 +96,32 @@ impl Staged {
     /// # Errors
     /// [`Error::Io`] with the final path of the file that could not be moved.
     pub fn commit(mut self) -> Result<Vec<PathBuf>> {
+        if let [_, .., (_, last)] = &self.files[..] {
+            match fs::remove_file(last) {
+                Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(Error::io(last, e)),
+                _ => {}
+            }
+        }
         for (temporary, target) in &self.files {
             fs::rename(temporary, target).map_err(|e| Error::io(target, e))?;
         }
+        // The names are on the disk too after this, where folders can be flushed; else they will be soon.
+        File::open(&self.folder).and_then(|folder| folder.sync_all()).ok();
         self.made.clear();
         Ok(std::mem::take(&mut self.files).into_iter().map(|(_, target)| target).collect())
+    }
+
+    /// Removes what killed processes have left of the file `name`.
+    fn sweep(&self, name: &str) {
+        let left = |file: &str| {
+            let number = file.strip_prefix('.')?.strip_prefix(name)?.strip_prefix('.')?.strip_suffix(".tmp")?;
+            (!number.is_empty() && number.bytes().all(|b| b.is_ascii_digit())).then_some(())
+        };
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            if entry.file_name().to_str().and_then(left).is_some() {
+                fs::remove_file(entry.path()).ok();
+            }
+        }
     }
 
     fn temporary(&self, name: &str) -> PathBuf {
@@ -94,6 +134,7 @@ impl Drop for Staged {
         for (temporary, _) in &self.files {
             fs::remove_file(temporary).ok();
         }
+        self.lock = None;
         for folder in self.made.iter().rev() {
             fs::remove_dir(folder).ok();
         }
@@ -135,7 +176,7 @@ mod tests {
             Err(io::Error::new(io::ErrorKind::StorageFull, "no space left"))
         });
         let message = error.unwrap_err().to_string();
-        assert!(message.ends_with("two: no space left"), "{message}");
+        assert!(message.contains("two: no space left; the disk is full: make room"), "{message}");
         drop(staged);
         assert_eq!(names(root.path()), ["one"]);
         assert_eq!(fs::read(root.path().join("one")).unwrap(), b"old");
@@ -148,6 +189,41 @@ mod tests {
         staged.write("one", |w| w.write_all(b"1")).unwrap();
         drop(staged);
         assert!(names(root.path()).is_empty());
+    }
+
+    #[test]
+    fn what_a_killed_process_left_is_swept_and_nothing_else() {
+        let root = tempfile::tempdir().unwrap();
+        let other = [".one.x.tmp", ".one..tmp", ".three.7.tmp", ".tmp"];
+        for name in [&other[..], &[".one.1.tmp", ".one.4194304.tmp"]].concat() {
+            fs::write(root.path().join(name), "half").unwrap();
+        }
+        let mut staged = Staged::open_alone(root.path(), "a test").unwrap();
+        staged.write("one", |w| w.write_all(b"1")).unwrap();
+        staged.commit().unwrap();
+        let mut left = [&other[..], &["one"]].concat();
+        left.sort();
+        assert_eq!(names(root.path()), left);
+    }
+
+    #[test]
+    fn the_last_file_is_never_there_beside_those_of_another_run() {
+        let root = tempfile::tempdir().unwrap();
+        let write = |content: &[u8]| {
+            let mut staged = Staged::open(root.path()).unwrap();
+            for name in ["a", "b", "last"] {
+                staged.write(name, |w| w.write_all(content)).unwrap();
+            }
+            staged.commit()
+        };
+        write(b"old").unwrap();
+        // A folder in the place of a file cannot be replaced: the commit ends between the files.
+        fs::remove_file(root.path().join("b")).unwrap();
+        fs::create_dir(root.path().join("b")).unwrap();
+        let message = write(b"new").unwrap_err().to_string();
+        assert!(message.contains("b: "), "{message}");
+        assert_eq!(names(root.path()), ["a", "b"]);
+        assert_eq!(fs::read(root.path().join("a")).unwrap(), b"new");
     }
 
     #[test]

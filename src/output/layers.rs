@@ -52,7 +52,7 @@ fn certificate(report: &Report) -> Vec<(String, ExrAttribute)> {
     let numbers = [
         ("voxelSize", report.counts.voxel_size),
         ("patches", report.counts.patches as f64),
-        ("rays", report.rays.form_factors as f64),
+        ("rays", report.rows.rays as f64),
         ("residual", report.solver.residual),
         ("energyImbalanceR", report.energy.imbalance[0]),
         ("energyImbalanceG", report.energy.imbalance[1]),

@@ -78,7 +78,8 @@ struct Seen {
     light: usize,
 }
 
-/// Renders `width` x `height` pixels. The same bake and camera give the same bits.
+/// Renders `width` x `height` pixels. The same bake and camera give the same bits. What is left when `progress` asks to
+/// stop stays black.
 pub fn render(
     scene: &Scene,
     bake: &Bake,
@@ -94,7 +95,7 @@ pub fn render(
     let tiles: Vec<Vec<Pixel>> = (0..columns * rows)
         .into_par_iter()
         .map(|i| {
-            let pixels = picture.tile(i % columns * TILE, i / columns * TILE);
+            let pixels = picture.tile(i % columns * TILE, i / columns * TILE, progress.stopped());
             progress.advance(pixels.len() as u64);
             pixels
         })
@@ -131,7 +132,7 @@ struct Picture<'a> {
 
 impl Picture<'_> {
     /// The pixels of the tile with top left corner (`left`, `top`), row by row.
-    fn tile(&self, left: u32, top: u32) -> Vec<Pixel> {
+    fn tile(&self, left: u32, top: u32, blank: bool) -> Vec<Pixel> {
         let (columns, rows) = (TILE.min(self.width - left), TILE.min(self.height - top));
         let mut rays = RayBatch::with_capacity(SAMPLES.len() * (columns * rows) as usize);
         rays.coherent = true;
@@ -144,6 +145,9 @@ impl Picture<'_> {
             }
         }
         let mut pixels = vec![Pixel { depth: f32::INFINITY, ..Default::default() }; (columns * rows) as usize];
+        if blank {
+            return pixels;
+        }
         self.add_patches(&mut rays.clone(), &mut pixels);
         self.add_surfaces(&mut rays, &mut pixels);
         let share = 1.0 / SAMPLES.len() as f32;

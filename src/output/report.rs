@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::{
     Scene,
-    report::{Energy, ErrorReport, GoalReport, Report},
+    report::{Energy, ErrorReport, GoalReport, Report, RowCounts},
     scene::Camera,
 };
 
@@ -97,6 +97,16 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
             short(r.form_factor_mrays_per_second)
         ),
     );
+    let RowCounts { used, cast, from, kept_in, .. } = &report.rows;
+    match (from, kept_in) {
+        (Some(from), None) if *cast == 0 => line("rows", format!("{used} used, all from {from}")),
+        (Some(from), None) => line("rows", format!("{used} used; {cast} cast now, the others from {from}")),
+        (Some(_), Some(place)) => {
+            line("rows", format!("{used} used; {cast} cast now and kept in {place}, the others from there"));
+        }
+        (None, Some(place)) => line("rows", format!("{used} used, all cast now and kept in {place}")),
+        (None, None) => {}
+    }
     line("other rays", r.visibility.to_string());
     line(
         "solver",

@@ -6,11 +6,13 @@ mod index;
 mod level;
 mod nearest4;
 mod smooth;
+mod stencils;
 
 pub use edges::clear_of_walls;
 pub use gather::Senders;
 pub use index::PatchIndex;
 pub use level::Level;
+pub use stencils::{Neighbour, Stencils};
 
 use gather::Gather;
 use glam::Vec3;
@@ -45,6 +47,8 @@ pub struct Field<'a> {
     pub senders: Option<Senders<'a>>,
     /// Where patches are visible without asking.
     pub level: &'a Level,
+    /// Which patches some points see, where that was found out before.
+    pub stencils: Option<&'a Stencils>,
 }
 
 impl Field<'_> {

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use super::{Field, nearest4};
+use super::{Field, Neighbour, nearest4};
 use crate::{
     sampling,
     scene::SurfacePoint,
@@ -21,13 +21,6 @@ const MOST: usize = 16;
 
 /// Fits are doubtful from here on: 12 % of the points of the Cornell box, 11 % of the curved room, 16 % of two rooms.
 const DOUBT: f32 = 0.2;
-
-/// A patch near a point.
-#[derive(Clone, Copy)]
-struct Neighbour {
-    patch: u32,
-    weight: f32,
-}
 
 /// What the patches near a point say.
 #[derive(Clone, Copy)]
@@ -49,7 +42,7 @@ impl Fit {
 /// Where the neighbours of a point end.
 struct Run {
     end: usize,
-    /// Whether the point certainly sees all of them.
+    /// Whether it is known that the point sees all of them.
     clear: bool,
 }
 
@@ -57,25 +50,38 @@ struct Run {
 /// the neighbours say. Points without visible neighbours take the paper's four nearest.
 pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
     let h = field.simplified.grid.voxel_size as f32;
-    let mut neighbours: Vec<Neighbour> = Vec::with_capacity(points.len() * 16);
-    let mut ends = Vec::with_capacity(points.len());
-    for point in points {
-        let clear = gather(field, point, h, &mut neighbours);
-        ends.push(Run { end: neighbours.len(), clear });
-    }
-    drop_hidden(field, points, &ends, h, &mut neighbours);
-
+    let (ends, neighbours) = neighbours(field, points);
     let mut begin = 0;
     points
         .iter()
         .zip(ends)
-        .map(|(point, Run { end, .. })| {
-            let own = &neighbours[begin..end];
+        .map(|(point, end)| {
+            let own = &neighbours[begin as usize..end as usize];
             begin = end;
             fit(field, point, own, h)
                 .unwrap_or_else(|| Fit { value: nearest4::interpolate(field, point), doubt: f32::INFINITY })
         })
         .collect()
+}
+
+/// Patches that each point sees on its own surface, and where those of each point end; those that it does not see have
+/// no weight.
+pub fn neighbours(field: &Field, points: &[SurfacePoint]) -> (Vec<u32>, Vec<Neighbour>) {
+    let h = field.simplified.grid.voxel_size as f32;
+    let mut neighbours: Vec<Neighbour> = Vec::with_capacity(points.len() * 16);
+    let mut ends = Vec::with_capacity(points.len());
+    for point in points {
+        let clear = match field.stencils.and_then(|stencils| stencils.find(point)) {
+            Some(known) => {
+                neighbours.extend_from_slice(known);
+                true
+            }
+            None => gather(field, point, h, &mut neighbours),
+        };
+        ends.push(Run { end: neighbours.len(), clear });
+    }
+    drop_hidden(field, points, &ends, h, &mut neighbours);
+    (ends.iter().map(|run| run.end as u32).collect(), neighbours)
 }
 
 /// Known patches that face the same way, lie near and on the same smooth surface; whether nothing can hide them.

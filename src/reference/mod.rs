@@ -31,7 +31,13 @@ use statistics::Sums;
 use surfaces::Surfaces;
 use walk::{Light, Tally, Walk, World};
 
-use crate::{Error, Result, Scene, progress::Progress, reconstruct, scene::SurfacePoint, trace::RayTracer};
+use crate::{
+    Error, Result, Scene,
+    progress::{self, Progress},
+    reconstruct,
+    scene::SurfacePoint,
+    trace::RayTracer,
+};
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,7 +123,8 @@ const BLOCK: usize = 1 << 15;
 /// slightly biased (by the noise of the error's own estimate); a given number of samples does not.
 ///
 /// # Errors
-/// [`Error::Option`] for options without sense; [`Error::Backend`] if lamps that are no surfaces cannot be traced.
+/// [`Error::Option`] for options without sense; [`Error::Backend`] if lamps that are no surfaces cannot be traced;
+/// [`Error::Interrupted`] if `progress` asks to stop.
 pub fn irradiance(
     scene: &Scene,
     tracer: &dyn RayTracer,
@@ -155,6 +162,7 @@ pub fn irradiance(
         Until::StandardError { relative, most } => tracing.until(relative, most),
     };
     progress.end();
+    progress::go_on(progress, "path tracing")?;
     Ok(tracing.finish(converged, begun))
 }
 
@@ -223,7 +231,7 @@ impl Tracing<'_> {
         self.progress.end();
         loop {
             let now = self.relative_error();
-            if now <= relative || samples >= most {
+            if now <= relative || samples >= most || self.progress.stopped() {
                 // The stage that the caller ends.
                 self.progress.begin("path tracing", 0);
                 return now <= relative;
@@ -255,6 +263,9 @@ impl Tracing<'_> {
                 .par_chunks_mut(per_batch)
                 .enumerate()
                 .map(|(batch, light)| {
+                    if self.progress.stopped() {
+                        return Default::default();
+                    }
                     let begun = Instant::now();
                     let mut walk = lock(walks).pop().unwrap_or_default();
                     let slots = batch * per_batch..batch * per_batch + light.len();

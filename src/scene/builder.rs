@@ -1,6 +1,7 @@
 //! Collects what a scene is made of.
 
 use glam::DAffine3;
+use serde::{Deserialize, Serialize};
 
 use super::{Camera, RawMaterial, RawMesh, Texture, WorldLight, image::OpacityMap};
 
@@ -25,7 +26,7 @@ use super::{Camera, RawMaterial, RawMesh, Texture, WorldLight, image::OpacityMap
 /// assert_eq!(scene.triangles.len(), 1);
 /// # luxel::Result::Ok(())
 /// ```
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Builder {
     pub(super) name: String,
     pub(super) meshes: Vec<RawMesh>,

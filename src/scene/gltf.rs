@@ -196,7 +196,7 @@ impl Reader<'_> {
                 .map_or(Vec::new(), |u| uvs.unwrap_or_default().into_iter().map(|v| u.apply(Vec2::from(v))).collect()),
             colours: vec3(colours),
             triangles: triangles(primitive.mode(), &order),
-            place: "",
+            place: "".into(),
             places: Vec::new(),
             material,
         };

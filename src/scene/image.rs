@@ -4,6 +4,7 @@ use std::{io::Cursor, path::Path};
 
 use glam::Vec3;
 use image::{DynamicImage, ImageReader};
+use serde::{Deserialize, Serialize};
 
 use super::Texture;
 
@@ -11,13 +12,14 @@ use super::Texture;
 const MAX_SIDE: u32 = 2048;
 
 /// Opacity by place, as of [`Texture`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpacityMap {
     /// Texels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
     /// width x height values, 0 (clear) ..= 1 (opaque).
+    #[serde(with = "crate::lxt::raw")]
     pub texels: Vec<f32>,
 }
 

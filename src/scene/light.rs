@@ -1,6 +1,7 @@
 //! Lights that are not surfaces of the scene.
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 /// A light in the local frame. Emissive triangles are lights too, but stand in the geometry.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,13 +71,14 @@ pub enum Light {
 
 /// A lat-long image: row 0 is the zenith; column u looks along azimuth `2 pi u - pi` from -z towards +x, when `up`
 /// is +y (the convention of OpenEXR's latlong images as Blender and Mitsuba read them).
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Environment {
     /// Texels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
     /// Radiance, W/m2/sr.
+    #[serde(with = "crate::lxt::raw")]
     pub texels: Vec<Vec3>,
     /// World axis (unit) that the image's zenith points to.
     pub up: Vec3,

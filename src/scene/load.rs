@@ -4,11 +4,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
 
-use super::{
-    Builder, Proxy, Scene, SidesRule, WorldLight, environment,
-    file::{self, FileSettings},
-    gltf, obj,
-};
+use super::{Builder, FileSettings, Scene, SidesRule, Source, WorldLight, environment, gltf, obj};
 use crate::{Error, Result};
 
 /// What is added to, or changed in, a scene after its file is read.
@@ -38,28 +34,8 @@ pub struct SceneOverrides {
 /// The file cannot be read or is wrong, no geometry is left, or an override names a material that is not there. A
 /// scene without light loads: see [`Scene::has_light`].
 pub fn load(path: &Path, overrides: &SceneOverrides) -> Result<(Scene, FileSettings)> {
-    let mut builder = Builder::new(path.file_stem().unwrap_or_default().to_string_lossy());
-    let settings = if extension(path) == "toml" {
-        file::read(path, &mut builder)?
-    } else {
-        read_mesh(path, &mut builder)?;
-        FileSettings::default()
-    };
-    overrides.apply(&mut builder)?;
-    let rule = overrides.sides.or(settings.sides).unwrap_or_default();
-    let mut scene = builder.build(rule)?;
-    if let Some(path) = overrides.proxy.as_ref().or(settings.proxy.as_ref()) {
-        let proxy = Proxy::read(path, &scene)?;
-        if proxy.dropped > 0 {
-            scene.warnings.push(format!(
-                "proxy {}: {} faces were left out: without area, not finite, transparent, or lying on others",
-                path.display(),
-                proxy.dropped
-            ));
-        }
-        scene.proxy = Some(proxy);
-    }
-    Ok((scene, settings))
+    let (source, settings) = Source::load(path, overrides)?;
+    Ok((source.build()?, settings))
 }
 
 /// Reads an OBJ, glTF or GLB file into `builder`.
@@ -75,12 +51,12 @@ pub(crate) fn read_mesh(path: &Path, builder: &mut Builder) -> Result<()> {
     }
 }
 
-fn extension(path: &Path) -> String {
+pub(super) fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
 impl SceneOverrides {
-    fn apply(&self, builder: &mut Builder) -> Result<()> {
+    pub(super) fn apply(&self, builder: &mut Builder) -> Result<()> {
         let mut lights: Vec<WorldLight> = self.sky.iter().map(|&radiance| WorldLight::Sky { radiance }).collect();
         lights.extend(self.suns.iter().map(|&(direction, irradiance)| WorldLight::Sun { direction, irradiance }));
         lights.extend(self.points.iter().map(|&(position, intensity)| WorldLight::Point {

@@ -1,12 +1,13 @@
 //! How surfaces reflect and emit.
 
 use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 
 /// Largest albedo of any channel: real surfaces absorb, and the solution of a white scene would be infinite.
 pub const ALBEDO_MAX: f32 = 0.9999;
 
 /// A diffuse material.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Material {
     /// As the file calls it.
     pub name: String,
@@ -23,13 +24,14 @@ pub struct Material {
 }
 
 /// An image of linear RGB, top row first, repeated in both directions.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Texture {
     /// Texels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
     /// width x height texels.
+    #[serde(with = "crate::lxt::raw")]
     pub texels: Vec<Vec3>,
 }
 

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 mod builder;
 pub mod check;
@@ -27,6 +28,7 @@ mod proxy;
 mod raw;
 mod shell;
 pub mod sides;
+mod source;
 mod topology;
 mod weld;
 mod world_light;
@@ -44,6 +46,7 @@ pub use point::SurfacePoint;
 pub use proxy::Proxy;
 pub use raw::{Opacity, RawMaterial, RawMesh};
 pub use sides::{SideDecision, SideKind, SidesRule};
+pub use source::Source;
 pub use world_light::WorldLight;
 
 use crate::trace::Geometry;
@@ -104,7 +107,7 @@ pub struct Corners {
 }
 
 /// A camera that looks from `position` to `target`; world coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// Where it stands.
     pub position: DVec3,

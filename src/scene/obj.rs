@@ -161,7 +161,7 @@ fn to_mesh(mesh: tobj::Mesh, run: &Run, material: u32, repeated: &mut Vec<String
         colours: mesh.vertex_color.chunks_exact(3).map(vec3).collect(),
         positions,
         triangles,
-        place: "line",
+        place: "line".into(),
         places,
         material,
     }

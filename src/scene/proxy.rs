@@ -3,20 +3,25 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::{Builder, Scene, SidesRule, load::read_mesh};
 use crate::{Error, Result};
 
 /// A simplified mesh, in the local frame of the scene that it stands for.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proxy {
     /// The file.
+    #[serde(serialize_with = "lossy")]
     pub path: PathBuf,
     /// Vertex positions.
+    #[serde(with = "crate::lxt::raw")]
     pub positions: Vec<Vec3>,
     /// Vertex indices.
+    #[serde(with = "crate::lxt::raw")]
     pub triangles: Vec<[u32; 3]>,
     /// Mesh of every triangle.
+    #[serde(with = "crate::lxt::raw")]
     pub mesh: Vec<u32>,
     /// Names of the meshes.
     pub meshes: Vec<String>,
@@ -65,6 +70,16 @@ impl Proxy {
         })
     }
 
+    /// What [`Proxy::read`] makes sure of.
+    pub(super) fn check(&self) -> std::result::Result<(), String> {
+        let vertices = self.positions.len();
+        let fits = self.triangles.iter().flatten().all(|&v| (v as usize) < vertices)
+            && self.mesh.len() == self.triangles.len()
+            && self.mesh.iter().all(|&m| (m as usize) < self.meshes.len())
+            && self.positions.iter().all(|p| p.is_finite());
+        if fits { Ok(()) } else { Err("the proxy does not fit together".into()) }
+    }
+
     /// The error that triangle `t` makes; its corners are told in world coordinates.
     pub(crate) fn wrong(&self, scene: &Scene, t: usize, message: &str) -> Error {
         // Local coordinates are good for seven digits.
@@ -78,6 +93,11 @@ impl Proxy {
         let place = format!("mesh \"{}\", triangle {a}, {b}, {c}", self.meshes[self.mesh[t] as usize]);
         Error::input(&self.path, place, message)
     }
+}
+
+/// Paths are for messages: those that are no text lose what cannot be shown.
+fn lossy<S: Serializer>(path: &Path, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+    serializer.serialize_str(&path.to_string_lossy())
 }
 
 fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {

@@ -1,34 +1,43 @@
 //! Meshes and materials before they are cleaned.
 
+use std::borrow::Cow;
+
 use glam::{DAffine3, DVec3, Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 
 use super::Material;
 
 /// One mesh with one material, world coordinates.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct RawMesh {
     /// For messages; consecutive meshes of one name count as one.
     pub name: String,
     /// Vertex positions. They need not be finite.
+    #[serde(with = "crate::lxt::raw")]
     pub positions: Vec<DVec3>,
     /// Shading normals a vertex, or empty; they need not have unit length.
+    #[serde(with = "crate::lxt::raw")]
     pub normals: Vec<Vec3>,
     /// Texture coordinates a vertex, or empty; v = 0 is the top row.
+    #[serde(with = "crate::lxt::raw")]
     pub uvs: Vec<Vec2>,
     /// Linear colours a vertex that multiply the albedo, or empty.
+    #[serde(with = "crate::lxt::raw")]
     pub colours: Vec<Vec3>,
     /// Vertex indices.
+    #[serde(with = "crate::lxt::raw")]
     pub triangles: Vec<[u32; 3]>,
     /// What messages call a triangle's place, e.g. `line`; empty: `triangle`.
-    pub place: &'static str,
+    pub place: Cow<'static, str>,
     /// The number of that place a triangle, or empty: the triangle's own number.
+    #[serde(with = "crate::lxt::raw")]
     pub places: Vec<u32>,
     /// Index of the material, as [`Builder::add_material`](super::Builder::add_material) returned it.
     pub material: u32,
 }
 
 /// How much of the light a surface stops.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Opacity {
     /// 0 (clear) ..= 1 (opaque).
     pub factor: f32,
@@ -45,7 +54,7 @@ impl Default for Opacity {
 }
 
 /// A material before it is cleaned: colours may have any value.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct RawMaterial {
     /// Colours and textures.
     pub surface: Material,
@@ -78,7 +87,7 @@ impl RawMesh {
 
     /// `mesh "wall", line 12 (0 0 0, 1 0 0, 1 NaN 0)`.
     pub(super) fn describe(&self, t: usize) -> String {
-        let place = if self.place.is_empty() { "triangle" } else { self.place };
+        let place = if self.place.is_empty() { "triangle" } else { &self.place };
         let number = self.places.get(t).copied().unwrap_or(t as u32);
         let [a, b, c] = self.corners(t).map(|p| format!("{} {} {}", p.x, p.y, p.z));
         format!("mesh \"{}\", {place} {number} ({a}, {b}, {c})", self.name)

@@ -1,11 +1,12 @@
 //! Lights in world coordinates, as users give them.
 
 use glam::{DAffine3, DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
 use super::{Frame, Light, light::Environment};
 
 /// A light in world coordinates and world units; see [`Light`] for what each does.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum WorldLight {
     /// Parallelogram that radiates from the side that `edge_u x edge_v` points to.
     Rectangle {

@@ -7,7 +7,13 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::{BakeOptions, Result, options::Backend, options::Resolution, progress::Progress, trace};
+use crate::{
+    BakeOptions, Result,
+    options::Backend,
+    options::Resolution,
+    progress::{self, Progress},
+    trace,
+};
 
 pub mod cie;
 pub mod closed_forms;
@@ -81,7 +87,8 @@ pub fn backends() -> Vec<Backend> {
 /// Computes all cases on each of `backends`.
 ///
 /// # Errors
-/// A bake that failed; an answer that is wrong is none, but a row that failed.
+/// A bake that failed; an answer that is wrong is none, but a row that failed. [`Error::Interrupted`](crate::Error) if
+/// `progress` asks to stop.
 pub fn run(backends: &[Backend], progress: &dyn Progress) -> Result<Selftest> {
     let begun = Instant::now();
     let mut test = Selftest {
@@ -96,6 +103,7 @@ pub fn run(backends: &[Backend], progress: &dyn Progress) -> Result<Selftest> {
         test.tracers.push(tracer.name());
         progress.begin(&tracer.name(), GROUPS.len() as u64);
         for group in GROUPS {
+            progress::go_on(progress, group.name)?;
             test.rows.extend((group.run)(backend)?.into_iter().map(|row| Row { backend: name(backend), ..row }));
             progress.advance(1);
         }

@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::grid::Grid;
 use crate::Scene;
@@ -10,17 +11,22 @@ use crate::Scene;
 pub const NO_PATCH: u32 = u32::MAX;
 
 /// Convex pieces of triangles, each inside one voxel; sorted by triangle.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Fragments {
     /// Scene triangle of each fragment.
+    #[serde(with = "crate::lxt::raw")]
     pub triangle: Vec<u32>,
     /// Raster position of its voxel.
+    #[serde(with = "crate::lxt::raw")]
     pub voxel: Vec<u64>,
     /// Where its corners begin in `uv`; one more entry than fragments.
+    #[serde(with = "crate::lxt::raw")]
     pub start: Vec<u32>,
     /// Corners as barycentric weights of the triangle's second and third vertex, in the winding of the triangle.
+    #[serde(with = "crate::lxt::raw")]
     pub uv: Vec<Vec2>,
     /// Patch of the front and of the back; [`NO_PATCH`] where that side is the inside of an object.
+    #[serde(with = "crate::lxt::raw")]
     pub patch: Vec<[u32; 2]>,
 }
 

@@ -1,11 +1,12 @@
 //! The voxel grid.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result, Scene, options::Resolution};
 
 /// A grid of equal cubes over the scene; local units.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Grid {
     /// Corner of voxel (0, 0, 0).
     pub origin: DVec3,

@@ -1,6 +1,7 @@
 //! The geometry simplification: surfaces are cut by voxels and the pieces grouped into patches (steps 1-4 of the
 //! paper).
 
+mod check;
 pub mod clip;
 mod decimated;
 mod faces;
@@ -17,6 +18,7 @@ mod surfels;
 mod triangles;
 mod weld;
 
+pub(crate) use check::check;
 pub use clip::{Fragments, NO_PATCH, clip};
 pub use decimated::{Method, decimated};
 pub use faces::faces;
@@ -68,6 +70,27 @@ pub fn simplify(scene: &Scene, grid: Grid, options: &BakeOptions, tracer: &dyn R
         PatchSource::Clustered => decimated(scene, grid, Method::Cluster, target, tracer),
         PatchSource::Proxy => proxy(scene, grid, target, tracer),
     }
+}
+
+/// Patches that were made of `scene`'s surfaces before, in the colours that these have now.
+///
+/// # Errors
+/// Those of [`simplify`].
+pub(crate) fn coloured(
+    mut simplified: Simplified,
+    scene: &Scene,
+    options: &BakeOptions,
+    tracer: &dyn RayTracer,
+) -> Result<Simplified> {
+    match options.patches {
+        PatchSource::Surfels => surfels::colour(&mut simplified, scene),
+        // The shape of these patches costs no more than their colours.
+        PatchSource::Faces => return simplify(scene, simplified.grid, options, tracer),
+        PatchSource::Decimated | PatchSource::Clustered | PatchSource::Proxy => {
+            triangles::colour(&mut simplified, scene, tracer);
+        }
+    }
+    Ok(simplified)
 }
 
 impl Simplified {

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::{
     clip::{Fragments, NO_PATCH, point_at, uv_centroid},
@@ -12,25 +13,34 @@ use super::{
 use crate::{Scene, trace::Geometry};
 
 /// The patches of the radiosity system, structure of arrays; local units. Sorted by voxel in raster order.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Patches {
     /// Area.
+    #[serde(with = "crate::lxt::raw")]
     pub area: Vec<f32>,
     /// Area-weighted mean position.
+    #[serde(with = "crate::lxt::raw")]
     pub centroid: Vec<Vec3>,
     /// Where rays to other points of the same surface start: slightly above it, near the centroid.
+    #[serde(with = "crate::lxt::raw")]
     pub eye: Vec<Vec3>,
     /// Unit mean normal.
+    #[serde(with = "crate::lxt::raw")]
     pub normal: Vec<Vec3>,
     /// Mean albedo.
+    #[serde(skip)]
     pub albedo: Vec<Vec3>,
     /// Mean emitted exitance, W/m2.
+    #[serde(skip)]
     pub emitted: Vec<Vec3>,
     /// Raster position of the voxel.
+    #[serde(with = "crate::lxt::raw")]
     pub voxel: Vec<u64>,
     /// Where the members of each patch begin; one more entry than patches.
+    #[serde(with = "crate::lxt::raw")]
     pub start: Vec<u32>,
     /// `fragment * 2 + side` of every member.
+    #[serde(with = "crate::lxt::raw")]
     pub members: Vec<u32>,
 }
 

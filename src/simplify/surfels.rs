@@ -68,6 +68,15 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
     Simplified { grid, geometry, fragments, patches, hit_map }
 }
 
+/// Gives patches the mean colours of `scene`, whose surfaces they are made of.
+pub(super) fn colour(simplified: &mut Simplified, scene: &Scene) {
+    let Simplified { fragments, patches, .. } = simplified;
+    let colours: Vec<_> =
+        (0..patches.len()).into_par_iter().map(|i| mean_colour(scene, fragments, patches.members(i))).collect();
+    patches.albedo = colours.iter().map(|c| c.albedo).collect();
+    patches.emitted = colours.iter().map(|c| c.emitted).collect();
+}
+
 /// Every visible side of every fragment as (voxel, `fragment * 2 + side`), voxel by voxel.
 fn sides_by_voxel(scene: &Scene, fragments: &Fragments) -> Vec<(u64, u32)> {
     let mut sides: Vec<(u64, u32)> = (0..fragments.len())

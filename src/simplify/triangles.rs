@@ -114,8 +114,22 @@ pub(super) fn points_of(corners: &[Vec3; 3], back: bool, side: u32) -> impl Iter
     })
 }
 
+/// Gives patches the mean colours of the surfaces of `scene` that they stand for.
+pub(super) fn colour(simplified: &mut Simplified, scene: &Scene, tracer: &dyn RayTracer) {
+    let Simplified { geometry, patches, .. } = simplified;
+    let groups: Vec<&[u32]> = (0..patches.len()).map(|i| patches.members(i)).collect();
+    let colours = colours(scene, geometry, &groups, tracer);
+    patches.albedo = colours.iter().map(|c| c.albedo).collect();
+    patches.emitted = colours.iter().map(|c| c.emitted).collect();
+}
+
 /// Mean colours of the real surfaces that the patches stand for.
-fn colours(scene: &Scene, geometry: &Geometry, groups: &[Vec<u32>], tracer: &dyn RayTracer) -> Vec<Colour> {
+fn colours(
+    scene: &Scene,
+    geometry: &Geometry,
+    groups: &[impl AsRef<[u32]> + Sync],
+    tracer: &dyn RayTracer,
+) -> Vec<Colour> {
     let plain = mean_albedo(scene);
     let count = (SAMPLES * SAMPLES) as usize;
     groups
@@ -124,17 +138,18 @@ fn colours(scene: &Scene, geometry: &Geometry, groups: &[Vec<u32>], tracer: &dyn
             let points: Vec<SurfacePoint> = chunk
                 .iter()
                 .flat_map(|group| {
+                    let group = group.as_ref();
                     points_of(&super::corners(geometry, (group[0] >> 1) as usize), group[0] & 1 == 1, SAMPLES)
                 })
                 .collect();
             let found = feet(scene, tracer, &points, false);
-            found.chunks_exact(count).map(|feet| colour(scene, feet, plain)).collect::<Vec<_>>()
+            found.chunks_exact(count).map(|feet| mean_colour(scene, feet, plain)).collect::<Vec<_>>()
         })
         .collect()
 }
 
 /// The mean over the feet of a patch; `plain` where there are none.
-fn colour(scene: &Scene, feet: &[Option<Foot>], plain: Vec3) -> Colour {
+fn mean_colour(scene: &Scene, feet: &[Option<Foot>], plain: Vec3) -> Colour {
     let (mut albedo, mut emitted, mut found) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for foot in feet.iter().flatten() {
         let t = foot.hit.triangle();

@@ -1,6 +1,7 @@
 //! Ray queries: one batch-first trait, several backends with the same answers.
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result, options::Backend};
 
@@ -15,11 +16,13 @@ pub use bvh::Bvh;
 pub use embree::Embree;
 
 /// Triangles to trace, in any unit. Triangle ids are positions in `triangles`.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Geometry {
     /// Vertex positions; all finite.
+    #[serde(with = "crate::lxt::raw")]
     pub positions: Vec<Vec3>,
     /// Vertex indices; all in range. At most 2^31 - 1 triangles.
+    #[serde(with = "crate::lxt::raw")]
     pub triangles: Vec<[u32; 3]>,
 }
 

@@ -1,17 +1,21 @@
 //! Form factors as compressed sparse rows.
 
+use bytes::Bytes;
 use rayon::prelude::*;
+
+#[cfg(test)]
+use super::rows::{BlockWriter, Row};
+use super::rows::{Entries, RowRef, Rows};
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
 ///
-/// F_ij = hits / valid rays, so a row sums to at most 1. An entry takes 2 bytes as a rule: the step to the next
-/// column as a variable-length integer, the count as a byte (255 announces a variable-length integer).
+/// F_ij = hits / valid rays, so a row sums to at most 1. Entries are coded as in [`Block`](super::Block).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FormFactors {
     /// Where each row lies.
     places: Vec<Place>,
-    /// The bytes of rows that were estimated together, as they came: there is no second copy.
-    blocks: Vec<Vec<u8>>,
+    /// The bytes of rows that were cast together, shared with the store that they come from.
+    blocks: Vec<Bytes>,
     /// Rays of each row that count.
     valid: Vec<u32>,
     /// Rays of each row that left the scene, or met the back of a one-sided sheet; they are among the valid ones.
@@ -34,150 +38,24 @@ struct Place {
 /// once in a million.
 const CLOSED: f64 = 2e-5;
 
-/// What one row of rays met.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Row {
-    /// Patch.
-    pub patch: u32,
-    /// Rays that count.
-    pub valid: u32,
-    /// Of these, rays that left the scene or met the back of a one-sided sheet.
-    pub escaped: u32,
-    /// Rays that started hidden.
-    pub hidden: u32,
-    /// End of the row in the bytes of its block.
-    pub end: u32,
-}
-
-/// Rows of some patches, in any order.
-#[derive(Clone, Debug, Default)]
-pub struct Block {
-    pub rows: Vec<Row>,
-    pub bytes: Vec<u8>,
-}
-
-impl Block {
-    /// Adds a row with these (patch, count), sorted by patch; `row.end` is filled in.
-    ///
-    /// Whether a step takes one byte or two is a matter of chance, so there is no branch on it: four bytes are written,
-    /// and those that are too many written over.
-    pub fn push(&mut self, entries: &[(u32, u32)], row: Row) {
-        let mut end = self.bytes.len();
-        self.bytes.resize(end + MOST_BYTES * entries.len(), 0);
-        let mut last = 0;
-        for &(patch, count) in entries {
-            let step = patch - last;
-            last = patch;
-            if step < 1 << 14 && count < 255 {
-                let two = (step >= 0x80) as u32;
-                let coded = (step & 0x7f) | two << 7 | (step >> 7) << 8 | count << (8 + 8 * two);
-                self.bytes[end..end + 4].copy_from_slice(&coded.to_le_bytes());
-                end += 2 + two as usize;
-            } else {
-                put_varint(&mut self.bytes, &mut end, step);
-                put(&mut self.bytes, &mut end, count.min(255) as u8);
-                if count >= 255 {
-                    put_varint(&mut self.bytes, &mut end, count);
-                }
-            }
-        }
-        self.bytes.truncate(end);
-        self.rows.push(Row { end: end as u32, ..row });
-    }
-
-    /// The hits of row number `row`: (patch, count), sorted by patch.
-    pub fn entries(&self, row: usize) -> impl Iterator<Item = (u32, u32)> {
-        let begin = if row == 0 { 0 } else { self.rows[row - 1].end };
-        Entries { bytes: &self.bytes[begin as usize..self.rows[row].end as usize], patch: 0 }
-    }
-}
-
-/// The most bytes that an entry can take: a step and a count of five each, and a mark.
-const MOST_BYTES: usize = 11;
-
-fn put(bytes: &mut [u8], end: &mut usize, byte: u8) {
-    bytes[*end] = byte;
-    *end += 1;
-}
-
-fn put_varint(bytes: &mut [u8], end: &mut usize, mut x: u32) {
-    while x >= 0x80 {
-        put(bytes, end, x as u8 | 0x80);
-        x >>= 7;
-    }
-    put(bytes, end, x as u8);
-}
-
-/// Decodes the entries of a row.
-struct Entries<'a> {
-    bytes: &'a [u8],
-    patch: u32,
-}
-
-impl Entries<'_> {
-    #[inline(always)]
-    fn byte(&mut self) -> Option<u8> {
-        let (&first, rest) = self.bytes.split_first()?;
-        self.bytes = rest;
-        Some(first)
-    }
-
-    #[inline(always)]
-    fn varint(&mut self) -> Option<u32> {
-        let first = self.byte()?;
-        if first < 0x80 {
-            return Some(first as u32);
-        }
-        let mut x = (first & 0x7f) as u32;
-        let mut shift = 7;
-        loop {
-            let b = self.byte()?;
-            x |= ((b & 0x7f) as u32) << shift;
-            if b < 0x80 {
-                return Some(x);
-            }
-            shift += 7;
-        }
-    }
-}
-
-impl Iterator for Entries<'_> {
-    type Item = (u32, u32);
-
-    #[inline(always)]
-    fn next(&mut self) -> Option<(u32, u32)> {
-        self.patch += self.varint()?;
-        let count = match self.byte()? {
-            255 => self.varint()?,
-            count => count as u32,
-        };
-        Some((self.patch, count))
-    }
-}
-
 impl FormFactors {
-    /// The matrix of the rows in `blocks`. Patches that are not `wanted` or have no row get an empty one. Whether the
-    /// scene is closed is told by the rows that light has `reached`.
-    pub fn of_blocks(patches: usize, blocks: Vec<Block>, wanted: &[bool], reached: &[bool]) -> FormFactors {
+    /// The matrix of those `rows` that are `wanted`. The other patches, and those without a row, get an empty one. Whether
+    /// the scene is closed is told by the rows that light has `reached`.
+    pub fn of_rows(rows: &Rows, wanted: &[bool], reached: &[bool]) -> FormFactors {
+        let patches = rows.patches();
         let mut f = FormFactors {
             places: vec![Place::default(); patches],
-            blocks: Vec::with_capacity(blocks.len()),
+            blocks: rows.blocks().iter().map(|block| block.bytes.clone()).collect(),
             valid: vec![0; patches],
             escaped: vec![0; patches],
             hidden: vec![0; patches],
             closed: false,
         };
-        for (block, Block { rows, bytes }) in (0..).zip(blocks) {
-            let mut begin = 0;
-            for row in rows {
-                let i = row.patch as usize;
-                if wanted[i] {
-                    f.places[i] = Place { block, begin, end: row.end };
-                    (f.valid[i], f.escaped[i], f.hidden[i]) = (row.valid, row.escaped, row.hidden);
-                }
-                begin = row.end;
+        for i in (0..patches).filter(|&i| wanted[i]) {
+            if let (Some((block, begin, end)), Some(RowRef { row, .. })) = (rows.place(i), rows.get(i as u32)) {
+                f.places[i] = Place { block, begin, end };
+                (f.valid[i], f.escaped[i], f.hidden[i]) = (row.valid, row.escaped, row.hidden);
             }
-            f.blocks.push(bytes);
         }
         let sum = |v: &[u32]| v.iter().zip(reached).filter(|r| *r.1).map(|r| *r.0 as u64).sum::<u64>();
         f.closed = sum(&f.escaped) as f64 <= CLOSED * sum(&f.valid) as f64;
@@ -187,14 +65,16 @@ impl FormFactors {
     /// The matrix of these hits and escaping rays, row by row.
     #[cfg(test)]
     pub(crate) fn of_hits(rows: &[(Vec<u32>, u32)]) -> FormFactors {
-        let mut block = Block::default();
+        let mut block = BlockWriter::default();
         for (i, (hits, escaped)) in rows.iter().enumerate() {
             let entries: Vec<(u32, u32)> = (0..).zip(hits.iter().copied()).filter(|e| e.1 > 0).collect();
             let valid = hits.iter().sum::<u32>() + escaped;
-            block.push(&entries, Row { patch: i as u32, valid, escaped: *escaped, hidden: 0, end: 0 });
+            block.push(&entries, Row { patch: i as u32, valid, escaped: *escaped, ..Row::default() });
         }
         let all = vec![true; rows.len()];
-        FormFactors::of_blocks(rows.len(), vec![block], &all, &all)
+        let mut store = Rows::new(rows.len());
+        store.add(block.finish());
+        FormFactors::of_rows(&store, &all, &all)
     }
 
     /// Number of patches.
@@ -212,9 +92,14 @@ impl FormFactors {
         self.closed
     }
 
+    /// Rays of all rows.
+    pub fn all_rays(&self) -> u64 {
+        self.valid.iter().chain(&self.hidden).map(|&n| n as u64).sum()
+    }
+
     /// Bytes that hold the matrix.
     pub fn size_in_bytes(&self) -> usize {
-        let bytes: usize = self.blocks.iter().map(|b| b.capacity() + size_of::<Vec<u8>>()).sum();
+        let bytes: usize = self.blocks.iter().map(|b| b.len() + size_of::<Bytes>()).sum();
         bytes + self.len() * (size_of::<Place>() + 12)
     }
 
@@ -280,7 +165,7 @@ impl FormFactors {
     }
 
     fn entries(&self, i: usize) -> Entries<'_> {
-        Entries { bytes: self.bytes(i), patch: 0 }
+        Entries::new(self.bytes(i))
     }
 
     fn scale(&self, i: usize) -> f64 {
@@ -295,9 +180,11 @@ mod tests {
 
     fn one_row(hits: &[(u32, u32)], escaped: u32) -> FormFactors {
         let valid = hits.iter().map(|h| h.1).sum::<u32>() + escaped;
-        let mut block = Block::default();
-        block.push(hits, Row { patch: 1, valid, escaped, hidden: 0, end: 0 });
-        FormFactors::of_blocks(70_000, vec![block], &[true; 70_000], &[true; 70_000])
+        let mut block = BlockWriter::default();
+        block.push(hits, Row { patch: 1, valid, escaped, ..Row::default() });
+        let mut rows = Rows::new(70_000);
+        rows.add(block.finish());
+        FormFactors::of_rows(&rows, &[true; 70_000], &[true; 70_000])
     }
 
     #[test]

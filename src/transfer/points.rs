@@ -8,8 +8,10 @@ use crate::sampling;
 ///
 /// A patch takes one set, turns its directions by a random azimuth and flips random bits of its origins. Both keep
 /// the strata and leave every single ray uniformly distributed; they cost a few instructions a ray, where fresh
-/// scrambled points cost 26 ns. The points of a set are in Morton order of their direction cells, so that
-/// neighbouring rays fly alike and packets stay together.
+/// scrambled points cost 26 ns. A set begins with the [`LEADING`] first points of the sequence, which are as evenly
+/// spread as the whole. These and the others are in Morton order of their direction cells, so that neighbouring rays
+/// fly alike and packets stay together.
+#[derive(Clone)]
 pub struct PointSets {
     /// Points in a set; a power of two.
     pub len: usize,
@@ -27,6 +29,8 @@ pub struct PointSets {
 /// Points in all sets together, at least 16 sets. They take 256 KiB, so that they stay in a near cache: with four times
 /// as many, half the time of making rays was waiting for them.
 const POINTS: usize = 1 << 14;
+/// Points at the head of a set that tell whether its patch is hidden, and whether it sees light.
+pub const LEADING: usize = 64;
 
 impl PointSets {
     /// Makes sets of `len` points (a power of two, at most 65536).
@@ -43,7 +47,9 @@ impl PointSets {
         let points = |set| {
             let seed = sampling::hash(&[seed, POINT_SETS, set as u64]);
             let mut points: Vec<[f32; 4]> = (0..len as u32).map(|i| sampling::sobol4(i, seed)).collect();
-            points.sort_by_cached_key(|p| morton(p[0], p[1]));
+            let (leading, others) = points.split_at_mut(LEADING.min(len));
+            leading.sort_by_cached_key(|p| morton(p[0], p[1]));
+            others.sort_by_cached_key(|p| morton(p[0], p[1]));
             points
         };
         let points: Vec<Vec<[f32; 4]>> = (0..sets).into_par_iter().map(points).collect();
@@ -55,6 +61,20 @@ impl PointSets {
             all.origin.push(fixed_point(a) & 0xffff_0000 | fixed_point(b) >> 16);
         }
         all
+    }
+
+    /// The leading points of every set.
+    pub fn leading(&self) -> PointSets {
+        let len = LEADING.min(self.len);
+        let of = |values: &[f32]| values.chunks(self.len).flat_map(|set| &set[..len]).copied().collect();
+        PointSets {
+            len,
+            direction_x: of(&self.direction_x),
+            direction_y: of(&self.direction_y),
+            direction_z: of(&self.direction_z),
+            origin: self.origin.chunks(self.len).flat_map(|set| &set[..len]).copied().collect(),
+            sets: self.sets,
+        }
     }
 
     /// The part of the arrays that set number `random` (modulo the number of sets) takes.

@@ -30,7 +30,8 @@ fn rectangles(corners: [[[f64; 3]; 3]; 2], options: &BakeOptions) -> Rows {
     let bake = stage.bake(&BakeOptions { primary: Primary::Radiosity, ..options.clone() });
     let all = vec![true; bake.patches().len()];
     let estimate =
-        transfer::estimate(&bake.simplified, bake.patch_tracer(), &all, true, options.rays, options.seed, &Silent);
+        transfer::estimate(&bake.simplified, bake.patch_tracer(), &all, true, options.rays, options.seed, &Silent)
+            .expect("nobody interrupts");
     Rows { bake, form_factors: estimate.form_factors, options: options.clone() }
 }
 

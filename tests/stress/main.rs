@@ -136,7 +136,9 @@ fn rows_of_single_rays_are_those_of_packets() {
                 None => tracer,
             };
             let lit = vec![true; bake.patches().len()];
-            transfer::estimate(&bake.simplified, &tracer, &lit, true, options.rays, 0, &Silent).form_factors
+            transfer::estimate(&bake.simplified, &tracer, &lit, true, options.rays, 0, &Silent)
+                .expect("nobody interrupts")
+                .form_factors
         };
         let (single, packets) = (rows(Some(1)), rows(None));
         let mut moved = 0.0;

@@ -8,7 +8,10 @@ use std::{
 
 use luxel::{
     Error, Result,
-    farm::submit::{self, Submission},
+    farm::{
+        Plan,
+        submit::{self, Submission},
+    },
 };
 
 use crate::cli::say;
@@ -33,16 +36,11 @@ pub struct Args {
     slurm: Option<Vec<String>>,
 }
 
-/// Submits the jobs of a plan of so many shards.
-///
-/// # Errors
-/// Those of [`submit::batch`] and [`submit::Batch::submit`].
-pub fn run(args: &Args, shards: u64) -> Result<()> {
+pub fn run(args: &Args) -> Result<()> {
     let program = env::current_exe().map_err(|e| Error::io("luxel", e))?;
     let output = args.output.clone().unwrap_or_else(|| args.plan.join("result"));
     let batch = submit::batch(&Submission {
-        plan: &args.plan,
-        shards,
+        plan: &Plan::open(&args.plan)?,
         output: &output,
         program: &program,
         at_once: args.at_once,

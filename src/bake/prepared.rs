@@ -1,0 +1,147 @@
+//! What a bake needs and lights do not change.
+
+use std::borrow::Cow;
+
+use super::{measure::Clock, needs::Needs, vertices};
+use crate::{
+    BakeOptions, Result, Scene, estimate, forecast,
+    options::PatchSource,
+    progress::Progress,
+    reconstruct::{Field, Level, PatchIndex, Stencils},
+    simplify::{self, Grid, Simplified},
+    skip::{self, Foresight, Wanted},
+    trace::{self, RayTracer},
+    transfer::{self, Casting, RowKeeper, Rows, View},
+};
+
+/// Results of earlier work on the same surfaces with the same settings, whatever its lights and colours were. A bake
+/// takes from it what is there, and adds the rows that it casts; which of them were there makes no difference to its
+/// result.
+#[derive(Default)]
+pub struct Kept {
+    /// Patches; colours are those of the scene that is baked.
+    pub simplified: Option<Simplified>,
+    /// Rows. None of any patch are there by default.
+    pub rows: Rows,
+    /// Rows of other rays, which tell how noisy the first are.
+    pub again: Rows,
+    /// Which patches vertices take their light from.
+    pub stencils: Option<Stencils>,
+    /// Whether rows are cast for other lights too: they then get marks of what their leading rays met.
+    pub marked: bool,
+}
+
+/// Successive patches whose rows make a block of what is prepared, and whose rows of other rays do: one in 16 patches
+/// or more has these.
+pub(crate) const ROWS_A_BLOCK: usize = 64;
+const AGAIN_A_BLOCK: usize = 1024;
+
+/// A scene that is ready to be lit.
+pub(super) struct Prepared<'a> {
+    pub scene: Cow<'a, Scene>,
+    /// Materials with textures of one colour.
+    pub plain: Vec<u32>,
+    pub only: Option<Wanted>,
+    pub tracer: Box<dyn RayTracer>,
+    /// Tracer of what the patches are pieces of, where these are not the scene's surfaces.
+    pub face_tracer: Option<Box<dyn RayTracer>>,
+    pub foresight: Foresight,
+    pub simplified: Simplified,
+    pub index: PatchIndex,
+    pub needs: Needs,
+}
+
+impl<'a> Prepared<'a> {
+    pub fn new(scene: &'a Scene, options: &BakeOptions, kept: &mut Kept, clock: &mut Clock) -> Result<Prepared<'a>> {
+        let only = Wanted::new(scene, &options.only)?;
+        let (scene, plain) = if options.skip { skip::plain(scene) } else { (Cow::Borrowed(scene), Vec::new()) };
+        let grid = Grid::new(&scene, options.resolution)?;
+        simplify::check_size(&scene, &grid, forecast::FRAGMENT_BYTES)?;
+        let geometry = scene.geometry();
+        let tracer = trace::build(options.backend, &geometry)?;
+        let foresight = Foresight::new(options.skip, &geometry);
+        clock.stop("build")?;
+
+        let simplified = match kept.simplified.take() {
+            Some(simplified) => simplify::coloured(simplified, &scene, options, &*tracer)?,
+            None => simplify::simplify(&scene, grid, options, &*tracer)?,
+        };
+        let own = options.patches != PatchSource::Surfels;
+        let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
+        simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
+        for rows in [&mut kept.rows, &mut kept.again] {
+            if rows.patches() != simplified.patches.len() {
+                *rows = Rows::new(simplified.patches.len());
+            }
+        }
+        let index = PatchIndex::new(&simplified.patches, grid);
+        let needs = Needs::new(&scene, &simplified, &index, options, only.as_ref(), &foresight);
+        clock.stop("simplify")?;
+        Ok(Prepared { scene, plain, only, tracer, face_tracer, foresight, simplified, index, needs })
+    }
+
+    /// Which patches the vertices of all visible surfaces take their light from.
+    pub fn stencils(&self, options: &BakeOptions, rows: &Rows) -> Stencils {
+        let (scene, simplified, index) = (&*self.scene, &self.simplified, &self.index);
+        let patches = 0..simplified.patches.len() as u32;
+        let known: Vec<bool> = patches.map(|i| rows.get(i).is_some_and(|r| r.row.view != View::Hidden)).collect();
+        let mesh = vertices::mesh(scene, simplified, &known, index, options, self.only.as_ref(), &*self.tracer);
+        let field = Field {
+            simplified,
+            index,
+            values: &[],
+            known: &known,
+            tracer: &*self.tracer,
+            normals: &scene.normals(),
+            two_sided: &scene.triangles.iter().map(|t| t.two_sided).collect::<Vec<bool>>(),
+            cos_threshold: options.normal_threshold.to_radians().cos(),
+            senders: None,
+            level: &Level::new(simplified),
+            stencils: None,
+        };
+        Stencils::new(&field, &mesh.samples)
+    }
+
+    /// Tracer of what the patches are pieces of.
+    pub fn patch_tracer(&self) -> &dyn RayTracer {
+        self.face_tracer.as_deref().unwrap_or(&*self.tracer)
+    }
+
+    /// How rows are cast.
+    pub fn casting(&self, options: &BakeOptions, marked: bool) -> Casting<'_> {
+        self.needs.casting(&self.simplified, self.patch_tracer(), options, marked)
+    }
+
+    /// Casts the rows that any lights may need, and those that tell of their noise; how many rays that took.
+    pub fn cast(
+        &self,
+        options: &BakeOptions,
+        kept: &mut Kept,
+        keeper: &mut dyn RowKeeper,
+        progress: &dyn Progress,
+    ) -> Result<u64> {
+        let casting = self.casting(options, true);
+        let mut rays = match &self.needs.near {
+            // What matters to the wanted meshes does not depend on lights.
+            Some([_, near]) => {
+                let plan = self.needs.plan(near);
+                let estimate = transfer::estimate_plan(&casting, &plan, &mut kept.rows, keeper, progress)?;
+                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |i| estimate.reached[i as usize]);
+                estimate.rays
+            }
+            None => {
+                let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
+                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
+                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
+                rays
+            }
+        };
+        if options.estimate {
+            let again = estimate::again(self.simplified.patches.len(), options.seed);
+            let casting = Casting { again: 1, marked: false, ..casting };
+            rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
+            kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
+        }
+        Ok(rays)
+    }
+}

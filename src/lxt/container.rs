@@ -1,0 +1,194 @@
+//! Reads containers; trusts nothing in them.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    sync::OnceLock,
+};
+
+use bytes::Bytes;
+use rayon::prelude::*;
+use serde::de::DeserializeOwned;
+
+use super::{
+    layout::{END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned},
+    map::map,
+};
+use crate::{Error, Result};
+
+/// An open container. Blocks are compared with their checksums before they are handed out, each once.
+pub struct Container {
+    path: PathBuf,
+    bytes: Bytes,
+    blocks: Vec<Block>,
+    by_name: HashMap<(Name, u64), usize>,
+    hash: [u8; 32],
+}
+
+struct Block {
+    entry: Entry,
+    at: usize,
+    /// Whether the payload is what the table says, once somebody has looked.
+    sound: OnceLock<bool>,
+}
+
+/// What a file that is no container could be made again by.
+const REMEDY: &str = "copy it again, or make it anew";
+
+impl Container {
+    /// Maps the file `path`, which was written for `purpose`, and checks all but the payloads.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Input`] if the file is foreign, for something else, newer, cut off or damaged.
+    pub fn open(path: &Path, purpose: Name) -> Result<Container> {
+        Container::of_bytes(path, map(path)?, purpose)
+    }
+
+    /// As [`Container::open`], of the content of a file; `path` is for messages.
+    ///
+    /// # Errors
+    /// As of [`Container::open`].
+    pub fn of_bytes(path: &Path, bytes: Bytes, purpose: Name) -> Result<Container> {
+        let wrong = |message: String| Err(Error::input(path, "", message));
+        if cfg!(target_endian = "big") {
+            return wrong("files of luxel can be read on little-endian machines alone".into());
+        }
+        let Some(header) = struct_at::<Header>(&bytes, 0).filter(|h| h.magic == MAGIC) else {
+            let name = name_of(purpose);
+            return wrong(format!("is no {name} of luxel, or its first bytes are lost ({} bytes)", bytes.len()));
+        };
+        if header.format != FORMAT {
+            return wrong(format!(
+                "has format {}, but this luxel reads format {FORMAT}: use the luxel that wrote it, or make it anew",
+                header.format
+            ));
+        }
+        let cut =
+            || Error::input(path, "", format!("is cut off or damaged at its end, byte {}: {REMEDY}", bytes.len()));
+        let end = bytes.len().checked_sub(size_of::<Footer>()).ok_or_else(cut)?;
+        let footer = struct_at::<Footer>(&bytes, end).filter(|f| f.end == END).ok_or_else(cut)?;
+        let damaged = |what: &str| Error::input(path, what, format!("is damaged: {REMEDY}"));
+        let table = || damaged("table of blocks");
+        // The table ends where the footer begins, whatever the footer says of both.
+        let begin = usize::try_from(footer.table).map_err(|_| table())?;
+        let entries = bytes.get(begin..end).ok_or_else(table)?;
+        if footer.blocks.checked_mul(size_of::<Entry>() as u64) != Some(entries.len() as u64) {
+            return Err(table());
+        }
+        let hash = blake3::Hasher::new().update(bytemuck::bytes_of(&header)).update(entries).finalize();
+        if hash != footer.hash || (header.zero, header.rest, footer.zero) != (0, [0; 4], 0) {
+            return Err(table());
+        }
+        if header.purpose != purpose {
+            let (is, wanted) = (name_of(header.purpose), name_of(purpose));
+            return wrong(format!("is a {is}, but a {wanted} is needed here"));
+        }
+
+        let (mut blocks, mut by_name) = (Vec::new(), HashMap::new());
+        let mut at = size_of::<Header>() as u64;
+        for entry in entries.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned::<Entry>) {
+            let place = aligned(at).ok_or_else(table)?;
+            at = place.checked_add(entry.length).filter(|&at| at <= footer.table).ok_or_else(table)?;
+            if by_name.insert((entry.kind, entry.number), blocks.len()).is_some() {
+                return Err(table());
+            }
+            blocks.push(Block { entry, at: place as usize, sound: OnceLock::new() });
+        }
+        if aligned(at) != Some(footer.table) {
+            return Err(table());
+        }
+        Ok(Container { path: path.into(), bytes, blocks, by_name, hash: footer.hash })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Kinds and numbers of all blocks, in the order of the file.
+    pub fn names(&self) -> impl Iterator<Item = (Name, u64)> {
+        self.blocks.iter().map(|b| (b.entry.kind, b.entry.number))
+    }
+
+    /// What tells this content from any other, hexadecimal: the hash of header and table, which holds those of the blocks.
+    pub fn id(&self) -> String {
+        blake3::Hash::from(self.hash).to_hex().to_string()
+    }
+
+    /// Numbers of the blocks of `kind`, in the order of the file.
+    pub fn numbers(&self, kind: Name) -> impl Iterator<Item = u64> {
+        self.names().filter(move |name| name.0 == kind).map(|name| name.1)
+    }
+
+    /// The payload of block `number` of `kind`: a part of the mapped file, at a multiple of 64 bytes.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the block if it is not there, or not what its checksum says.
+    pub fn block(&self, kind: Name, number: u64) -> Result<Bytes> {
+        match self.by_name.get(&(kind, number)) {
+            Some(&i) => self.payload(i),
+            None => Err(self.wrong(kind, number, &format!("is missing: {REMEDY}"))),
+        }
+    }
+
+    /// The value that [`Writer::value`](super::Writer::value) wrote as block `number` of `kind`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the block if it is not there, not what its checksum says, or holds something else.
+    pub fn value<T: DeserializeOwned>(&self, kind: Name, number: u64) -> Result<T> {
+        let payload = self.block(kind, number)?;
+        match postcard::take_from_bytes(&payload) {
+            Ok((value, [])) => Ok(value),
+            Ok((_, rest)) => Err(self.wrong(kind, number, &format!("has {} bytes too many: {REMEDY}", rest.len()))),
+            Err(e) => Err(self.wrong(kind, number, &format!("cannot be understood ({e}): {REMEDY}"))),
+        }
+    }
+
+    /// The value that [`Writer::json`](super::Writer::json) wrote as block `number` of `kind`.
+    ///
+    /// # Errors
+    /// As of [`Container::value`].
+    pub fn json<T: DeserializeOwned>(&self, kind: Name, number: u64) -> Result<T> {
+        let payload = self.block(kind, number)?;
+        let not = |e| self.wrong(kind, number, &format!("cannot be understood ({e}): {REMEDY}"));
+        serde_json::from_slice(&payload).map_err(not)
+    }
+
+    /// Compares all blocks with their checksums, on all threads: a long computation should not find at its end that
+    /// something is damaged.
+    ///
+    /// # Errors
+    /// As of [`Container::block`], for the first damaged block of the file.
+    pub fn verify(&self) -> Result<()> {
+        let sound: Vec<bool> = (0..self.blocks.len()).into_par_iter().map(|i| self.is_sound(i)).collect();
+        sound.iter().position(|sound| !sound).map_or(Ok(()), |i| self.payload(i).map(drop))
+    }
+
+    /// An [`Error::Input`] that names a block.
+    pub fn wrong(&self, kind: Name, number: u64, message: &str) -> Error {
+        Error::input(&self.path, format!("block {kind} {number}"), message)
+    }
+
+    fn payload(&self, i: usize) -> Result<Bytes> {
+        let Block { entry, at, .. } = &self.blocks[i];
+        if self.is_sound(i) {
+            return Ok(self.bytes.slice(*at..at + entry.length as usize));
+        }
+        let message = format!("its {} bytes are not what was written: {REMEDY}", entry.length);
+        Err(self.wrong(entry.kind, entry.number, &message))
+    }
+
+    fn is_sound(&self, i: usize) -> bool {
+        let Block { entry, at, sound } = &self.blocks[i];
+        *sound.get_or_init(|| blake3::hash(&self.bytes[*at..at + entry.length as usize]) == entry.hash)
+    }
+}
+
+/// `shard` -> `shard file`.
+fn name_of(purpose: Name) -> String {
+    format!("{purpose} file")
+}
+
+fn struct_at<T: bytemuck::AnyBitPattern>(bytes: &[u8], at: usize) -> Option<T> {
+    Some(bytemuck::pod_read_unaligned(bytes.get(at..at.checked_add(size_of::<T>())?)?))
+}

@@ -1,0 +1,65 @@
+//! Files mapped into memory.
+//!
+//! What is mapped is not copied: the system reads pages when they are touched, and drops them again under pressure. The
+//! price is that the bytes are those of the file *now*. A file that is cut short by another program while it is mapped
+//! ends this process with a bus error when a lost page is touched, and one that is overwritten in place changes under
+//! our eyes, after its checksums were compared. luxel itself never does either: it writes files beside their place and
+//! renames them, which leaves the old content to those who have it mapped. Copy or move files over mapped ones by
+//! rename too (`mv`, `rsync` without `--inplace`), not by `cp`.
+#![allow(unsafe_code)]
+
+use std::{fs::File, io, path::Path};
+
+use bytes::Bytes;
+
+use crate::{Error, Result};
+
+/// The content of the file at `path`, not copied; it stays mapped as long as any part of it is in use.
+///
+/// # Errors
+/// [`Error::Io`] if it is missing, no regular file, or cannot be read.
+pub fn map(path: &Path) -> Result<Bytes> {
+    let mapped = || {
+        let file = File::open(path)?;
+        let meta = file.metadata()?;
+        if !meta.is_file() {
+            return Err(io::Error::other("is no regular file"));
+        }
+        // The system refuses to map nothing.
+        if meta.len() == 0 {
+            return Ok(Bytes::new());
+        }
+        // SAFETY: the map is read only. That nobody changes the file's bytes while it lives is not in this program's
+        // hands; it keeps to it itself (files are replaced by rename, never written in place), and the head of this file
+        // tells everybody else. Readers check every index, so that changed bytes can spoil results, not memory.
+        let map = unsafe { memmap2::Mmap::map(&file)? };
+        Ok(Bytes::from_owner(map))
+    };
+    mapped().map_err(|e| Error::io(path, e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_replaced_stays_as_it_was_for_those_who_mapped_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, b"old").unwrap();
+        let old = map(&path).unwrap();
+        std::fs::write(folder.path().join("new"), b"newer").unwrap();
+        std::fs::rename(folder.path().join("new"), &path).unwrap();
+        assert_eq!((&*old, &*map(&path).unwrap()), (&b"old"[..], &b"newer"[..]));
+    }
+
+    #[test]
+    fn an_empty_file_has_no_bytes_and_a_folder_is_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, b"").unwrap();
+        assert!(map(&path).unwrap().is_empty());
+        let message = map(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("no regular file"), "{message}");
+    }
+}

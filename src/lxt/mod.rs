@@ -1,0 +1,23 @@
+//! Transfer files: what a bake needs and no light changes. The bytes are explained in docs/LXT.md.
+
+mod build_id;
+mod cache;
+mod container;
+mod identity;
+mod layout;
+pub(crate) mod map;
+pub(crate) mod raw;
+pub mod rows;
+pub mod simplified;
+pub mod source;
+pub mod stencils;
+mod transfer;
+mod write;
+
+pub use build_id::BuildId;
+pub use cache::Cache;
+pub use container::Container;
+pub use identity::Identity;
+pub use layout::{FORMAT, Name};
+pub use transfer::Transfer;
+pub use write::{Writer, write_file};

@@ -1,0 +1,104 @@
+//! Rows in a container, block by block: blocks `rows`, and `again` for those of other rays.
+
+use std::io::{self, Write};
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::{Container, Name, Writer};
+use crate::{
+    Result,
+    transfer::{Block, Row, Rows, View},
+};
+
+/// Rows that count.
+pub const ROWS: Name = Name::new("rows");
+/// Rows of other rays, which tell how noisy the first are.
+pub const AGAIN: Name = Name::new("again");
+
+/// First bytes of a block: how many rows, and how many bytes of entries and of marks, come after it in this order.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Head {
+    rows: u32,
+    bytes: u32,
+    marks: u32,
+    /// 0 for rows that count, 1 for those of other rays: a file must not take one for the other.
+    again: u32,
+}
+
+/// A row without its entries.
+#[repr(C)]
+#[derive(Clone, Copy, Pod, Zeroable)]
+struct Record {
+    patch: u32,
+    valid: u32,
+    escaped: u32,
+    hidden: u32,
+    end: u32,
+    marks_end: u32,
+    view: u32,
+}
+
+/// Writes rows as block `number` of `kind`.
+///
+/// # Errors
+/// Those of the output.
+pub fn write<W: Write>(out: &mut Writer<W>, kind: Name, number: u64, block: &Block) -> io::Result<()> {
+    let length = |n: usize| u32::try_from(n).map_err(|_| io::Error::other("a block of rows is too long"));
+    let (rows, bytes, marks) = (length(block.rows.len())?, length(block.bytes.len())?, length(block.marks.len())?);
+    let record = |row: &Row| {
+        let Row { patch, valid, escaped, hidden, end, marks_end, view } = *row;
+        Record { patch, valid, escaped, hidden, end, marks_end, view: view as u32 }
+    };
+    let records: Vec<Record> = block.rows.iter().map(record).collect();
+    let head = Head { rows, bytes, marks, again: (kind == AGAIN) as u32 };
+    out.block(kind, number, &[bytemuck::bytes_of(&head), bytemuck::cast_slice(&records), &block.bytes, &block.marks])
+}
+
+/// Writes all blocks of `rows`, numbered from 0.
+///
+/// # Errors
+/// Those of the output.
+pub fn write_all<W: Write>(out: &mut Writer<W>, kind: Name, rows: &Rows) -> io::Result<()> {
+    (0..).zip(rows.blocks()).try_for_each(|(number, block)| write(out, kind, number, block))
+}
+
+/// Reads block `number` of `kind`, of a scene with so many patches. Entries and marks are not copied.
+///
+/// # Errors
+/// Those of [`Container::block`]; [`Error::Input`](crate::Error::Input) if the rows are wrong.
+pub fn read(file: &Container, kind: Name, number: u64, patches: usize) -> Result<Block> {
+    let payload = file.block(kind, number)?;
+    let wrong = |what: &str| file.wrong(kind, number, what);
+    let (head, rest) = payload.split_at_checked(size_of::<Head>()).ok_or_else(|| wrong("is too short"))?;
+    let head: Head = bytemuck::pod_read_unaligned(head);
+    let lengths = [head.rows as u64 * size_of::<Record>() as u64, head.bytes as u64, head.marks as u64];
+    if lengths.iter().sum::<u64>() != rest.len() as u64 || head.again != (kind == AGAIN) as u32 {
+        return Err(wrong("has another length or other rays than it should"));
+    }
+    let [records, bytes, _] = lengths.map(|n| n as usize);
+    let row = |record: &[u8]| {
+        let Record { patch, valid, escaped, hidden, end, marks_end, view } = bytemuck::pod_read_unaligned(record);
+        let view = [View::Hidden, View::Within, View::Outside].into_iter().find(|v| *v as u32 == view)?;
+        Some(Row { patch, valid, escaped, hidden, end, marks_end, view })
+    };
+    let rows: Option<Vec<Row>> = rest[..records].chunks_exact(size_of::<Record>()).map(row).collect();
+    let rows = rows.ok_or_else(|| wrong("holds a row of no known kind"))?;
+    let begin = size_of::<Head>() + records;
+    let block = Block { rows, bytes: payload.slice(begin..begin + bytes), marks: payload.slice(begin + bytes..) };
+    block.check(patches).map_err(|e| wrong(&e))?;
+    Ok(block)
+}
+
+/// Reads all blocks of `kind`.
+///
+/// # Errors
+/// As of [`read`].
+pub fn read_all(file: &Container, kind: Name, patches: usize) -> Result<Rows> {
+    let numbers: Vec<u64> = file.numbers(kind).collect();
+    let blocks: Result<Vec<Block>> = numbers.into_par_iter().map(|number| read(file, kind, number, patches)).collect();
+    let mut rows = Rows::new(patches);
+    blocks?.into_iter().for_each(|block| rows.add(block));
+    Ok(rows)
+}

@@ -1,0 +1,72 @@
+//! Which patches points take their light from, found out once.
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use super::{CHUNK, Field, smooth};
+use crate::scene::SurfacePoint;
+
+/// A patch near a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Neighbour {
+    /// The patch.
+    pub patch: u32,
+    /// Its weight in the fit; positive.
+    pub weight: f32,
+}
+
+/// For some points, the patches that they see on their own surface, with their weights in the fit of
+/// [`Reconstruct::Smooth`](crate::options::Reconstruct::Smooth). They depend on which patches are known, but not on
+/// light.
+#[derive(Clone, Debug, Default)]
+pub struct Stencils {
+    points: Vec<SurfacePoint>,
+    /// Where the neighbours of each point end.
+    ends: Vec<u32>,
+    neighbours: Vec<Neighbour>,
+    /// The number of each point by its bits.
+    numbers: HashMap<[u32; 6], u32>,
+}
+
+impl Stencils {
+    /// Finds the neighbours of `points`; the values of `field` do not matter.
+    pub fn new(field: &Field, points: &[SurfacePoint]) -> Stencils {
+        let found: Vec<(Vec<u32>, Vec<Neighbour>)> =
+            points.par_chunks(CHUNK).map(|chunk| smooth::neighbours(field, chunk)).collect();
+        let (mut ends, mut neighbours) = (Vec::with_capacity(points.len()), Vec::new());
+        for (own_ends, own) in found {
+            let mut begin = 0;
+            for end in own_ends {
+                neighbours.extend(own[begin as usize..end as usize].iter().filter(|n| n.weight > 0.0));
+                ends.push(neighbours.len() as u32);
+                begin = end;
+            }
+        }
+        Stencils::of(points.to_vec(), ends, neighbours)
+    }
+
+    /// Stencils of these parts, of which those of point k end at `ends[k]`.
+    pub fn of(points: Vec<SurfacePoint>, ends: Vec<u32>, neighbours: Vec<Neighbour>) -> Stencils {
+        let numbers = (0..).zip(&points).map(|(k, point)| (key(point), k)).collect();
+        Stencils { points, ends, neighbours, numbers }
+    }
+
+    /// The points, where the neighbours of each end, and all neighbours.
+    pub fn parts(&self) -> (&[SurfacePoint], &[u32], &[Neighbour]) {
+        (&self.points, &self.ends, &self.neighbours)
+    }
+
+    /// The neighbours of a point; `None` if it is none of those.
+    pub fn find(&self, point: &SurfacePoint) -> Option<&[Neighbour]> {
+        let k = *self.numbers.get(&key(point))? as usize;
+        let begin = if k == 0 { 0 } else { self.ends[k - 1] };
+        Some(&self.neighbours[begin as usize..self.ends[k] as usize])
+    }
+}
+
+fn key(point: &SurfacePoint) -> [u32; 6] {
+    let [p, n] = [point.position, point.normal].map(|v| v.to_array().map(f32::to_bits));
+    [p[0], p[1], p[2], n[0], n[1], n[2]]
+}

@@ -1,0 +1,82 @@
+//! What the rest of luxel takes for granted of patches and fragments that come out of a file.
+
+use glam::Vec2;
+
+use super::{Fragments, Grid, NO_PATCH, Patches, grid::MAX_DIM};
+use crate::trace::Geometry;
+
+/// Barycentric weights may leave [0, 1] by this much, by rounding.
+const SLACK: f32 = 1e-3;
+
+/// Numbers of fragments and patches have 31 bits.
+const MOST: usize = 1 << 31;
+
+/// What does not fit together, if anything.
+pub(crate) fn check(grid: &Grid, geometry: &Geometry, fragments: &Fragments, patches: &Patches) -> Result<(), String> {
+    check_grid(grid)?;
+    geometry.check().map_err(|e| e.to_string())?;
+    let voxels = grid.dims.iter().map(|&n| n as u64).product::<u64>();
+    check_fragments(geometry, fragments, voxels, patches.len())?;
+    check_patches(fragments, patches, voxels)
+}
+
+fn check_grid(grid: &Grid) -> Result<(), String> {
+    let dims = grid.dims.iter().all(|n| (1..=MAX_DIM + 2).contains(n));
+    let sound = dims && grid.origin.is_finite() && grid.voxel_size.is_finite() && grid.voxel_size > 0.0;
+    if sound { Ok(()) } else { Err(format!("a grid of {:?} voxels of size {}", grid.dims, grid.voxel_size)) }
+}
+
+fn check_fragments(geometry: &Geometry, fragments: &Fragments, voxels: u64, patches: usize) -> Result<(), String> {
+    let n = fragments.len();
+    let Fragments { triangle, voxel, start, uv, patch } = fragments;
+    ensure(n < MOST && voxel.len() == n && patch.len() == n, "fragments: arrays differ in length")?;
+    check_start(start, n, uv.len(), 3).map_err(|e| format!("fragments: {e}"))?;
+    // Every triangle has fragments, and they are in its order.
+    let mut last = None;
+    for &t in triangle {
+        ensure(
+            last == Some(t) || last.map_or(0, |l: u32| l.wrapping_add(1)) == t,
+            "fragments: not sorted by triangle",
+        )?;
+        last = Some(t);
+    }
+    ensure(last.map_or(0, |l| l as usize + 1) == geometry.triangles.len(), "fragments: triangles without any")?;
+    ensure(voxel.iter().all(|&v| v < voxels), "fragments: a voxel outside the grid")?;
+    let near = |p: &Vec2| p.is_finite() && p.min_element() >= -SLACK && p.max_element() <= 1.0 + SLACK;
+    ensure(uv.iter().all(near), "fragments: a corner outside its triangle")?;
+    let known = |p: &u32| *p == NO_PATCH || (*p as usize) < patches;
+    ensure(patch.iter().flatten().all(known), "fragments: a patch that is not there")
+}
+
+fn check_patches(fragments: &Fragments, patches: &Patches, voxels: u64) -> Result<(), String> {
+    let n = patches.len();
+    let Patches { area, centroid, eye, normal, albedo: _, emitted: _, voxel, start, members } = patches;
+    let lengths = [centroid.len(), eye.len(), normal.len(), voxel.len()];
+    ensure(n < MOST && lengths == [n; 4], "patches: arrays differ in length")?;
+    check_start(start, n, members.len(), 1).map_err(|e| format!("patches: {e}"))?;
+    ensure(voxel.iter().all(|&v| v < voxels) && voxel.is_sorted(), "patches: not sorted by voxel")?;
+    ensure(area.iter().all(|a| a.is_finite() && *a >= 0.0), "patches: an area that is negative or not finite")?;
+    let finite = [centroid, eye, normal].into_iter().flatten().all(|v| v.is_finite());
+    ensure(finite && normal.iter().all(|n| n.length_squared() < 1.1), "patches: a place that is not finite")?;
+    // Fragments and patches say the same of each other.
+    let sides = fragments.patch.iter().flatten().filter(|p| **p != NO_PATCH).count();
+    ensure(sides == members.len(), "patches: members are not the fragments' sides")?;
+    for i in 0..n {
+        for &m in patches.members(i) {
+            let side = fragments.patch.get((m >> 1) as usize).map(|sides| sides[(m & 1) as usize]);
+            ensure(side == Some(i as u32), "patches: members are not the fragments' sides")?;
+        }
+    }
+    Ok(())
+}
+
+/// `start` parts `items` things into `n` runs of at least `least`.
+fn check_start(start: &[u32], n: usize, items: usize, least: u32) -> Result<(), &'static str> {
+    let runs = start.len() == n + 1 && start[0] == 0 && start[n] as usize == items;
+    let long = start.windows(2).all(|w| w[1].checked_sub(w[0]).is_some_and(|length| length >= least));
+    if runs && long { Ok(()) } else { Err("runs that do not fit") }
+}
+
+fn ensure(holds: bool, message: &str) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(message.into()) }
+}

@@ -1,0 +1,330 @@
+//! Relighting and the cache, as a user meets them: the same files as a bake with those lights, and no form-factor ray.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use tempfile::TempDir;
+
+/// A room of 2 x 2 x 2 that is open on one side, with a lamp, a column, and a floor of a chequered texture.
+const ROOM_OBJ: &str = "\
+mtllib room.mtl
+v -1 -1 -1
+v 1 -1 -1
+v 1 -1 1
+v -1 -1 1
+v -1 1 -1
+v 1 1 -1
+v 1 1 1
+v -1 1 1
+v -0.3 0.9 -0.3
+v 0.3 0.9 -0.3
+v 0.3 0.9 0.3
+v -0.3 0.9 0.3
+v 0.2 -1 0.1
+v 0.5 -1 0.1
+v 0.5 0.2 0.1
+v 0.2 0.2 0.1
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+o walls
+usemtl wall
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 4 1 5 8
+o floor
+usemtl floor
+f 4/1 3/2 2/3 1/4
+o lamp
+usemtl lamp
+f 9 10 11 12
+o screen
+usemtl wall
+f 13 14 15 16
+";
+const ROOM_MTL: &str = "\
+newmtl wall
+Kd 0.5 0.4 0.3
+newmtl floor
+Kd 1 1 1
+map_Kd chequers.png
+newmtl lamp
+Kd 0.1 0.1 0.1
+Ke 5 5 5
+";
+/// Settings that bake the room in a moment.
+const QUICK: [&str; 10] =
+    ["--grid", "7", "--rays", "64", "--point-samples", "4", "--patch-samples", "4", "--sides", "two"];
+const PICTURE: [&str; 2] = ["--preview-size", "16x12"];
+
+fn room() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("room.obj"), ROOM_OBJ).unwrap();
+    fs::write(folder.path().join("room.mtl"), ROOM_MTL).unwrap();
+    let chequers = image::RgbImage::from_fn(4, 4, |x, y| image::Rgb([if (x + y) % 2 == 0 { 220 } else { 40 }; 3]));
+    chequers.save(folder.path().join("chequers.png")).unwrap();
+    let scene = folder.path().join("room.obj");
+    (folder, scene)
+}
+
+fn luxel(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_luxel")).args(args).output().unwrap()
+}
+
+fn done(args: &[&str]) -> String {
+    let output = luxel(args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn failed(args: &[&str]) -> String {
+    let output = luxel(args);
+    assert_eq!(output.status.code(), Some(1), "{args:?}: {}", String::from_utf8_lossy(&output.stdout));
+    let message = String::from_utf8(output.stderr).unwrap();
+    let told: Vec<&str> = message.lines().filter(|line| line.starts_with("luxel: ")).collect();
+    assert!(told.len() == 1 && !message.contains("panicked"), "{message}");
+    told[0].into()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// All files of a bake but its report.
+fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
+    let mut files: Vec<(String, Vec<u8>)> = fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap())
+        .map(|e| (e.file_name().into_string().unwrap(), fs::read(e.path()).unwrap()))
+        .filter(|(name, _)| name != "bake.json")
+        .collect();
+    files.sort();
+    files
+}
+
+fn assert_same(a: &Path, b: &Path) {
+    let (a, b) = (files(a), files(b));
+    assert_eq!(a.iter().map(|f| &f.0).collect::<Vec<_>>(), b.iter().map(|f| &f.0).collect::<Vec<_>>());
+    assert!(a.len() >= 3);
+    for ((name, one), (_, other)) in a.iter().zip(&b) {
+        assert!(one == other, "{name} differs");
+    }
+}
+
+fn report(folder: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(folder.join("bake.json")).unwrap()).unwrap()
+}
+
+/// Bakes `scene` with all options, and relights what was prepared without the lights: the same files without a ray.
+fn relit_as_baked(scene: &Path, settings: &[&str], lights: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let [baked, relit, file] = ["baked", "relit", "some.lxt"].map(|name| folder.path().join(name));
+    done(&[&["bake", text(scene), "-o", text(&baked)], settings, lights, &PICTURE].concat());
+    done(&[&["prepare", text(scene), "-o", text(&file)], settings].concat());
+    done(&[&["relight", text(&file), "-o", text(&relit)], lights, &PICTURE].concat());
+    assert_same(&baked, &relit);
+    let (before, after) = (report(&baked), report(&relit));
+    assert!(before["rays"]["form_factors"].as_u64().unwrap() > 0);
+    assert!(before["rows"]["cast"].as_u64().unwrap() >= before["rows"]["used"].as_u64().unwrap());
+    assert_eq!(after["rays"]["form_factors"], 0);
+    assert_eq!(after["rows"]["cast"], 0);
+    assert_eq!(after["rows"]["from"], text(&file));
+    assert_eq!(after["settings"], before["settings"]);
+}
+
+#[test]
+fn a_relit_room_is_the_baked_one_byte_for_byte() {
+    let (_folder, scene) = room();
+    let other = ["--emit", "lamp=1,2,3", "--albedo", "wall=0.1,0.8,0.2", "--point", "-0.5,0.5,-0.5:1,1,1"];
+    relit_as_baked(&scene, &QUICK, &other);
+    relit_as_baked(&scene, &QUICK, &["--sky", "0.2,0.3,0.5", "--sun", "-0.3,-1,-0.5:3,3,2.5"]);
+    // Nothing but a lamp behind the screen: most patches see no light of it at first.
+    relit_as_baked(&scene, &QUICK, &["--emit", "lamp=0,0,0", "--point", "0.35,-0.9,0.05:1,1,1"]);
+}
+
+#[test]
+fn so_it_is_with_every_way_to_bake() {
+    let (_folder, scene) = room();
+    let lights = ["--sky", "0.1,0.1,0.2", "--emit", "lamp=3,1,1"];
+    for more in [
+        &["--primary", "radiosity"] as &[&str],
+        &["--only", "floor"],
+        &["--no-skip"],
+        &["--patches", "faces"],
+        &["--patches", "decimated"],
+        &["--reconstruct", "adaptive", "--gather-rays", "16"],
+        &["--reconstruct", "nearest4", "--no-estimate"],
+        &["--backend", "bvh", "--seed", "7", "--sides", "auto"],
+    ] {
+        let mut settings = QUICK.to_vec();
+        if more.contains(&"--sides") {
+            settings.truncate(8);
+        }
+        relit_as_baked(&scene, &[&settings, more].concat(), &lights);
+    }
+}
+
+#[test]
+fn a_relit_cornell_box_is_the_baked_one() {
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml");
+    relit_as_baked(
+        &scene,
+        &["--grid", "12", "--rays", "64", "--point-samples", "4"],
+        &["--albedo", "white=0.3,0.5,0.7"],
+    );
+}
+
+#[test]
+fn lights_of_the_file_stay_or_give_way() {
+    let (folder, scene) = room();
+    let [file, baked, relit] = ["some.lxt", "baked", "relit"].map(|name| folder.path().join(name));
+    done(&[&["prepare", text(&scene), "-o", text(&file), "--sky", "1,0,0"], &QUICK[..]].concat());
+    done(&[&["bake", text(&scene), "-o", text(&baked), "--sky", "0,1,0", "--no-preview"], &QUICK[..]].concat());
+    done(&["relight", text(&file), "-o", text(&relit), "--sky", "0,1,0", "--replace-lights", "--no-preview"]);
+    assert_same(&baked, &relit);
+    done(&["relight", text(&file), "-o", text(&relit), "--sky", "0,1,0", "--no-preview"]);
+    assert!(files(&baked) != files(&relit));
+}
+
+#[test]
+fn what_cannot_be_relit_says_why() {
+    let (folder, scene) = room();
+    let [file, out] = ["some.lxt", "out"].map(|name| folder.path().join(name));
+    let prepare = [&["prepare", text(&scene), "-o", text(&file)], &QUICK[..]].concat();
+    done(&prepare);
+    let relight = ["relight", text(&file), "-o", text(&out), "--no-preview"];
+    let with = |more: &[&str]| failed(&[&relight, more].concat());
+
+    assert!(with(&["--albedo", "wool=1,1,1"]).contains("there is no material \"wool\""));
+    assert!(with(&["--emit", "lamp=0,0,0"]).contains("has no light"));
+    let whole = fs::read(&file).unwrap();
+    let cases: [(&str, Vec<u8>); 4] = [
+        ("some.lxt: is cut off or damaged at its end", whole[..whole.len() / 2].to_vec()),
+        ("some.lxt: block ", {
+            let mut bytes = whole.clone();
+            bytes[whole.len() / 2] ^= 1;
+            bytes
+        }),
+        ("some.lxt: is no transfer file of luxel", fs::read(&scene).unwrap()),
+        ("some.lxt: has format 9, but this luxel reads format 1", {
+            let mut bytes = whole.clone();
+            bytes[8] = 9;
+            bytes
+        }),
+    ];
+    for (expected, bytes) in cases {
+        fs::write(&file, bytes).unwrap();
+        let message = with(&[]);
+        assert!(message.contains(expected), "{message}");
+        assert!(!out.exists(), "{message}");
+    }
+    assert!(failed(&["relight", "/nowhere.lxt", "-o", text(&out)]).contains("/nowhere.lxt: "));
+    assert!(failed(&["prepare", text(&scene), "-o", text(folder.path())]).contains("is a folder"));
+}
+
+#[test]
+fn lights_that_turn_a_solid_into_a_room_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cube.obj");
+    let [file, out] = ["cube.lxt", "out"].map(|name| folder.path().join(name));
+    done(&["prepare", text(&scene), "-o", text(&file), "--grid", "4", "--rays", "16"]);
+    let inside = failed(&["relight", text(&file), "-o", text(&out), "--point", "0.5,0.5,0.5:1,1,1"]);
+    assert!(inside.contains("have other sides than those that were prepared"), "{inside}");
+}
+
+#[test]
+fn the_cache_serves_other_lights_and_no_other_geometry() {
+    let (folder, scene) = room();
+    let [plain, cached, cache] = ["plain", "cached", "cache"].map(|name| folder.path().join(name));
+    let cast = |lights: &[&str]| {
+        let common = [&["--no-preview"], &QUICK[..], lights].concat();
+        done(&[&["bake", text(&scene), "-o", text(&plain)], &common[..]].concat());
+        let told = done(&[&["bake", text(&scene), "-o", text(&cached), "--cache", text(&cache)], &common[..]].concat());
+        assert_same(&plain, &cached);
+        let report = report(&cached);
+        assert_eq!(report["rows"]["kept_in"].is_string(), told.contains(" cast now and kept in "));
+        assert_eq!(report["warnings"], self::report(&plain)["warnings"]);
+        (report["rows"]["cast"].as_u64().unwrap(), report["rows"]["from"].is_string(), told.contains("used, all from "))
+    };
+    let first = cast(&["--sky", "1,1,1"]);
+    assert!(first.0 > 100 && !first.1 && !first.2, "{first:?}");
+    assert_eq!(cast(&["--albedo", "wall=0.9,0.9,0.9"]), (0, true, true));
+    assert_eq!(cast(&["--emit", "lamp=9,0,0"]), (0, true, true));
+    // Another seed, other rows; the old ones stay.
+    assert!(!cast(&["--seed", "3"]).1);
+    assert_eq!(cast(&["--seed", "3"]), (0, true, true));
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 2);
+    // Another shape, other rows.
+    fs::write(&scene, ROOM_OBJ.replace("v 0.2 0.2 0.1", "v 0.2 0.3 0.1")).unwrap();
+    assert!(!cast(&[]).1);
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 3);
+}
+
+#[test]
+fn rows_that_new_light_needs_are_added_to_the_cache() {
+    // A wall parts two halves; a light in one leaves the other dark.
+    let folder = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/furnace_box.toml");
+    let two = folder.path().join("two.toml");
+    let mesh =
+        |x: f64| format!("[[mesh]]\npath = \"{}\"\ntranslate = [{x}, 0, 0]\n", text(&scene.with_file_name("cube.obj")));
+    fs::write(&two, mesh(0.0) + &mesh(5.0)).unwrap();
+    let [out, cache] = ["out", "cache"].map(|name| folder.path().join(name));
+    let cast = |lights: &[&str]| {
+        let settings = ["--grid", "12", "--rays", "16", "--sides", "two", "--no-preview", "--cache", text(&cache)];
+        done(&[&["bake", text(&two), "-o", text(&out)], &settings[..], lights].concat());
+        report(&out)["rows"]["cast"].as_u64().unwrap()
+    };
+    let [left, right] = ["0.5,0.5,0.5:1,1,1", "5.5,0.5,0.5:1,1,1"];
+    let first = cast(&["--point", left]);
+    let second = cast(&["--point", right]);
+    assert!(first > 0 && second > 0, "{first} {second}");
+    assert_eq!(cast(&["--point", left, "--point", right]), 0);
+}
+
+#[test]
+fn a_damaged_cache_is_a_warning_and_mends_itself() {
+    let (folder, scene) = room();
+    let [out, cache] = ["out", "cache"].map(|name| folder.path().join(name));
+    let bake =
+        [&["bake", text(&scene), "-o", text(&out), "--no-preview", "--cache", text(&cache)], &QUICK[..]].concat();
+    done(&bake);
+    let good = files(&out);
+    let entry = fs::read_dir(&cache).unwrap().next().unwrap().unwrap().path();
+    let whole = fs::read(&entry).unwrap();
+    for damage in [&whole[..whole.len() / 3], b"", &[&whole[..999], b"?", &whole[1000..]].concat()] {
+        fs::write(&entry, damage).unwrap();
+        let told = done(&bake);
+        assert!(told.contains("cannot be used, and are cast anew"), "{told}");
+        let report = report(&out);
+        assert!(report["rows"]["cast"].as_u64().unwrap() > 100 && report["rows"]["from"].is_null());
+        assert_eq!(files(&out), good);
+        assert!(fs::read(&entry).unwrap() == whole);
+    }
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
+}
+
+#[test]
+fn two_bakes_may_fill_one_cache_at_once() {
+    let (folder, scene) = room();
+    let cache = folder.path().join("cache");
+    let bake = |name: &str| {
+        let out = folder.path().join(name);
+        let args = [&["bake", text(&scene), "-o", text(&out), "--no-preview", "--cache", text(&cache)], &QUICK[..]];
+        Command::new(env!("CARGO_BIN_EXE_luxel")).args(args.concat()).arg("-q").spawn().unwrap()
+    };
+    let names = ["a", "b", "c"];
+    for mut child in names.map(bake) {
+        assert!(child.wait().unwrap().success());
+    }
+    assert_same(&folder.path().join("a"), &folder.path().join("b"));
+    assert_same(&folder.path().join("a"), &folder.path().join("c"));
+    assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
+    assert!(bake("d").wait().unwrap().success());
+    assert_eq!(report(&folder.path().join("d"))["rows"]["cast"], 0);
+}

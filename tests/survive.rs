@@ -1,0 +1,227 @@
+//! What ends a run before its time: signals, other processes on the same folder, full and read-only disks.
+#![cfg(unix)]
+
+use std::{
+    fs,
+    io::{BufRead, BufReader, Read},
+    os::unix::process::ExitStatusExt,
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+};
+
+const TERM: i32 = 15;
+const INT: i32 = 2;
+const KILL: i32 = 9;
+
+/// Rays enough for a minute of one stage.
+const LONG: &str = "65536";
+
+fn luxel() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_luxel"))
+}
+
+fn cornell() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.obj")
+}
+
+/// `luxel bake` of the Cornell box into `out`.
+fn bake(out: &Path, options: &[&str]) -> Command {
+    let mut command = luxel();
+    command.arg("bake").arg(cornell()).arg("-o").arg(out).args(["--no-preview", "--json-progress"]).args(options);
+    command
+}
+
+fn send(child: &Child, signal: i32) {
+    let sent = Command::new("kill").args([format!("-{signal}"), child.id().to_string()]).status();
+    assert!(sent.unwrap().success());
+}
+
+/// Starts `command` and waits until it tells of `stage`.
+fn run_to(mut command: Command, stage: &str) -> Child {
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let name = format!("\"stage\":\"{stage}\"");
+    let came = lines.by_ref().map_while(Result::ok).any(|line| line.contains(&name));
+    assert!(came, "stage {stage} never came");
+    // What else it says is not read: the pipe holds some hundred lines.
+    std::thread::spawn(move || lines.for_each(drop));
+    child
+}
+
+fn said(child: &mut Child) -> String {
+    let mut text = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+    text
+}
+
+fn words(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into()
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn signals_end_every_long_stage_with_their_own_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.txt");
+    fs::write(&points, "278 1 100  0 1 0\n").unwrap();
+    let out = folder.path().join("out");
+    let points_of = |command: &str, options: &[&str]| {
+        let mut run = luxel();
+        run.arg(command).arg(cornell()).arg("--at").arg(&points).arg("-o").arg(folder.path().join("out/light.csv"));
+        run.arg("--json-progress").args(options);
+        run
+    };
+    let cases = [
+        (bake(&out, &["--patch-samples", LONG]), "direct light", TERM),
+        (bake(&out, &["--rays", LONG]), "form factors", INT),
+        (bake(&out, &["--grid", "32", "--rays", "16", "--point-samples", LONG]), "points", TERM),
+        (points_of("points", &["--rays", LONG]), "form factors", INT),
+        (points_of("reference", &["--spp", "1048576"]), "path tracing", TERM),
+    ];
+    for (command, stage, signal) in cases {
+        let mut child = run_to(command, stage);
+        send(&child, signal);
+        let status = child.wait().unwrap();
+        let said = said(&mut child);
+        assert_eq!(status.code(), Some(128 + signal), "{stage}: {said}");
+        let name = if signal == INT { "SIGINT" } else { "SIGTERM" };
+        assert!(said.contains(&format!("luxel: interrupted by {name}: ")), "{stage}: {said}");
+        // The folder was made for the run, and nothing is left in it that could be taken for a result.
+        let left = if out.exists() { names(&out) } else { Vec::new() };
+        assert!(left.iter().all(|name| name.starts_with('.')), "{stage}: {left:?}");
+    }
+}
+
+#[test]
+fn a_second_signal_ends_the_process_where_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    // Rows of this kind take longer than the grace: blocks of 64 patches, every triangle against every ray.
+    let slow = ["--backend", "brute", "--rays", LONG];
+    let mut child = run_to(bake(&folder.path().join("out"), &slow), "form factors");
+    send(&child, INT);
+    send(&child, TERM);
+    let code = child.wait().unwrap().code();
+    assert!(code == Some(128 + INT) || code == Some(128 + TERM), "{code:?}");
+    // It had no time to say why.
+    assert_eq!(said(&mut child), "");
+}
+
+#[test]
+fn of_two_bakes_into_one_folder_the_second_is_told_of_the_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut first = run_to(bake(&out, &["--rays", LONG]), "form factors");
+    let quick = ["--grid", "6", "--rays", "16", "--point-samples", "4"];
+    let second = bake(&out, &quick).output().unwrap();
+    let says = words(&second);
+    assert_eq!(second.status.code(), Some(1), "{says}");
+    assert!(says.contains(&format!("in use by luxel, process {} on ", first.id())), "{says}");
+    // A killed process holds nothing, and what it left is swept.
+    send(&first, KILL);
+    assert_eq!(first.wait().unwrap().signal(), Some(KILL));
+    fs::write(out.join(format!(".vertices.ply.{}.tmp", first.id())), "half").unwrap();
+    let third = bake(&out, &quick).output().unwrap();
+    assert!(third.status.success(), "{}", words(&third));
+    assert_eq!(names(&out), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
+}
+
+/// A bake of some hundred kB onto what has no room for it.
+fn refused_for_room(out: &Path, mut command: Command, why: &str) {
+    let before = if out.exists() { names(out) } else { Vec::new() };
+    let output = command.output().unwrap();
+    let says = words(&output);
+    assert_eq!(output.status.code(), Some(1), "{says}");
+    assert!(says.contains(out.to_str().unwrap()) && says.contains(why), "{says}");
+    let after = if out.exists() { names(out) } else { Vec::new() };
+    assert_eq!(after, before);
+}
+
+#[test]
+fn a_file_over_the_limit_is_told_with_the_remedy_and_leaves_what_was_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    fs::create_dir(&out).unwrap();
+    fs::write(out.join("bake.json"), "of an older bake").unwrap();
+    let mut limited = Command::new("sh");
+    limited.args(["-c", "ulimit -f 64; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_luxel"), "bake"]);
+    limited.arg(cornell()).arg("-o").arg(&out).args(["--grid", "16", "--rays", "16", "--no-preview", "-q"]);
+    refused_for_room(&out, limited, "raise the limit");
+    assert_eq!(fs::read_to_string(out.join("bake.json")).unwrap(), "of an older bake");
+}
+
+/// A small disk of its own, for as long as it lives; `None` where that is not allowed.
+struct Disk(tempfile::TempDir);
+
+impl Disk {
+    fn new(options: &str) -> Option<Disk> {
+        let place = tempfile::tempdir().unwrap();
+        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", options, "tmpfs"]).arg(place.path()).output();
+        mount.is_ok_and(|m| m.status.success()).then_some(Disk(place))
+    }
+
+    fn remount_read_only(&self) {
+        let remounted = Command::new("mount").args(["-o", "remount,ro"]).arg(self.0.path()).status();
+        assert!(remounted.unwrap().success());
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        Command::new("umount").arg(self.0.path()).status().ok();
+    }
+}
+
+#[test]
+fn full_and_read_only_disks_are_told_with_the_remedy() {
+    let Some(disk) = Disk::new("size=256k") else {
+        println!("skipped: a small disk takes the right to mount one");
+        return;
+    };
+    let out = disk.0.path().join("out");
+    refused_for_room(&out, bake(&out, &["--grid", "16", "--rays", "16"]), "the disk is full: make room");
+    disk.remount_read_only();
+    refused_for_room(&out, bake(&out, &[]), "the disk is mounted read-only");
+}
+
+#[test]
+fn a_scene_that_vanished_and_a_folder_without_rights_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let gone = luxel().args(["bake", "gone.obj", "-o"]).arg(&out).output().unwrap();
+    assert_eq!(gone.status.code(), Some(1));
+    assert!(words(&gone).contains("gone.obj: "), "{}", words(&gone));
+    assert!(!out.exists());
+    // A file where a folder should be stands in for rights, which the superuser has everywhere.
+    fs::write(&out, "x").unwrap();
+    refused_for_file(&out);
+}
+
+fn refused_for_file(out: &Path) {
+    let output = bake(&out.join("deeper"), &[]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(words(&output).contains(out.to_str().unwrap()), "{}", words(&output));
+}
+
+/// Clocks are set back, and jump: durations come from a clock that does not, and order from nothing of the kind.
+#[test]
+fn the_time_of_day_is_asked_for_the_name_of_a_holder_alone() {
+    fn asks(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
+            if entry.is_dir() {
+                asks(&entry, found);
+            } else if fs::read_to_string(&entry).is_ok_and(|text| text.contains("SystemTime")) {
+                found.push(entry);
+            }
+        }
+    }
+    let mut found = Vec::new();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    asks(&source, &mut found);
+    assert_eq!(found, [source.join("lock.rs")]);
+}
