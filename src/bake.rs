@@ -17,6 +17,7 @@ mod finished;
 mod measure;
 mod needs;
 mod outline;
+mod outlook;
 mod prepared;
 mod skipped;
 mod vertices;
@@ -112,6 +113,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
+    run.keeper.begin(&mut kept.rows, &|| outlook::outlook(scene, &casting, &lit, options, progress))?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {

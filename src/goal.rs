@@ -14,6 +14,7 @@ use crate::{
     progress::Progress,
     report::{ErrorParts, GoalReport, GoalStep},
     simplify::{self, Grid, grid::MAX_DIM},
+    transfer::RowKeeper,
 };
 
 /// What a bake shall reach. Without target and budget it is one bake.
@@ -81,8 +82,22 @@ struct Setting {
 /// Those of [`bake()`](crate::bake()) for the first bake; [`Error::Option`] for a target without sense, or without an
 /// estimate.
 pub fn bake_to(scene: &Scene, options: &BakeOptions, goal: &Goal, progress: &dyn Progress) -> Result<Bake> {
+    bake_to_kept(scene, options, goal, &mut (), progress)
+}
+
+/// As [`bake_to`]; `keeper` is shown the rows of every bake.
+///
+/// # Errors
+/// Those of [`bake_to`], and of the keeper for the first bake.
+pub fn bake_to_kept(
+    scene: &Scene,
+    options: &BakeOptions,
+    goal: &Goal,
+    keeper: &mut dyn RowKeeper,
+    progress: &dyn Progress,
+) -> Result<Bake> {
     if goal.target_error.is_none() && goal.budget.is_none() {
-        return bake::bake(scene, options, progress);
+        return bake::bake_with(scene, options, &mut Kept::default(), &mut Run { progress, keeper, deadline: None });
     }
     if goal.target_error.is_some_and(|t| !(t > 0.0 && t.is_finite())) {
         return Err(Error::Option("the target error must be above 0".into()));
@@ -90,13 +105,14 @@ pub fn bake_to(scene: &Scene, options: &BakeOptions, goal: &Goal, progress: &dyn
     if !options.estimate {
         return Err(Error::Option("a target error or budget needs the estimate of the error".into()));
     }
-    Search { scene, options, goal, progress, begun: Instant::now(), steps: Vec::new() }.run()
+    Search { scene, options, goal, keeper, progress, begun: Instant::now(), steps: Vec::new() }.run()
 }
 
 struct Search<'a> {
     scene: &'a Scene,
     options: &'a BakeOptions,
     goal: &'a Goal,
+    keeper: &'a mut dyn RowKeeper,
     progress: &'a dyn Progress,
     begun: Instant,
     steps: Vec<GoalStep>,
@@ -168,8 +184,8 @@ impl Search<'_> {
         })
     }
 
-    fn bake(&self, options: &BakeOptions, deadline: Option<Instant>) -> Result<Bake> {
-        let mut run = Run { progress: self.progress, keeper: &mut (), deadline };
+    fn bake(&mut self, options: &BakeOptions, deadline: Option<Instant>) -> Result<Bake> {
+        let mut run = Run { progress: self.progress, keeper: &mut *self.keeper, deadline };
         bake::bake_with(self.scene, options, &mut Kept::default(), &mut run)
     }
 

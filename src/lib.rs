@@ -57,6 +57,7 @@
 pub mod error;
 pub mod lock;
 pub mod options;
+pub mod outlook;
 pub mod progress;
 pub mod quality;
 pub mod report;

@@ -27,6 +27,9 @@ pub struct Report {
     pub rows: RowCounts,
     /// Largest resident memory of the process, bytes.
     pub peak_memory_bytes: u64,
+    /// What was foretold of it before the form factors were cast, bytes, where a limit asked for it; without form factors
+    /// that went to a file.
+    pub foretold_memory_bytes: Option<u64>,
     /// Balance of power.
     pub energy: Energy,
     /// Sums of the form-factor rows as estimated, before a closed scene's are normalised.

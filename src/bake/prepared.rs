@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, vertices};
+use super::{measure::Clock, needs::Needs, outlook::outlook, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -121,6 +121,8 @@ impl<'a> Prepared<'a> {
         progress: &dyn Progress,
     ) -> Result<u64> {
         let casting = self.casting(options, true);
+        let all = vec![true; self.simplified.patches.len()];
+        keeper.begin(&mut kept.rows, &|| outlook(&self.scene, &casting, &all, options, progress))?;
         let mut rays = match &self.needs.near {
             // What matters to the wanted meshes does not depend on lights.
             Some([_, near]) => {

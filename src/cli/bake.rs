@@ -6,6 +6,7 @@ use luxel::{Result, bake::Run, lxt::Cache};
 
 use super::{
     args::{BakeArgs, Goals},
+    keeper::Memory,
     progress::{Style, Terminal},
     results::Results,
 };
@@ -21,6 +22,8 @@ pub struct Args {
     #[command(flatten)]
     goals: Goals,
     #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
     bake: BakeArgs,
 }
 
@@ -33,13 +36,15 @@ pub fn run(args: &Args) -> Result<()> {
     let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
+        let mut keeper = args.memory.keeper(args.results.folder(), args.results.pixels());
         let mut bake = match &cache {
             Some(cache) => {
-                let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+                let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
                 cache.bake(scene, &job.options, &mut run)?
             }
-            None => luxel::bake_to(scene, &job.options, &goal, &progress)?,
+            None => luxel::goal::bake_to_kept(scene, &job.options, &goal, &mut keeper, &progress)?,
         };
+        bake.report.foretold_memory_bytes = keeper.foretold();
         args.results.write(scene, &mut bake, staged, &progress)?;
         Ok(bake)
     })?;

@@ -16,6 +16,7 @@ mod bench;
 mod check;
 mod compare;
 mod farm;
+mod keeper;
 mod parse;
 mod points;
 mod prepare;

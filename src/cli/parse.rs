@@ -71,6 +71,20 @@ pub fn time(text: &str) -> Parsed<Duration> {
     Duration::try_from_secs_f64(positive(value)? * unit).map_err(|_| "is too long".into())
 }
 
+/// Bytes above zero: `900M`, `4G`, `1.5T`; decimal units.
+pub fn memory(text: &str) -> Parsed<u64> {
+    let text = text.trim().trim_end_matches(['B', 'b']);
+    let units = [('k', 1e3), ('M', 1e6), ('G', 1e9), ('T', 1e12)];
+    let (value, unit) = units
+        .into_iter()
+        .find_map(|(name, unit)| {
+            Some((text.strip_suffix([name, name.to_ascii_lowercase(), name.to_ascii_uppercase()])?, unit))
+        })
+        .ok_or("expected a size with its unit, such as 900M or 4G")?;
+    let bytes = positive(value)? * unit;
+    if bytes < 1e18 { Ok(bytes as u64) } else { Err("is too large".into()) }
+}
+
 /// Voxels on the longest side.
 pub fn grid(text: &str) -> Parsed<u32> {
     whole(text, 2, 4096)
@@ -195,6 +209,17 @@ mod tests {
         assert_eq!([percent("2%"), percent(" 0.5 % "), percent("100")], [Ok(0.02), Ok(0.005), Ok(1.0)]);
         let seconds = |text| time(text).map(|t| t.as_secs_f64());
         assert_eq!([seconds("30s"), seconds("5m"), seconds("1.5h")], [Ok(30.0), Ok(300.0), Ok(5400.0)]);
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(
+            [memory("900M"), memory("4g"), memory(" 1.5 GB ")],
+            [Ok(900_000_000), Ok(4_000_000_000), Ok(1_500_000_000)]
+        );
+        for wrong in ["4", "G", "-1G", "1e12G"] {
+            assert!(memory(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

@@ -94,6 +94,17 @@ impl Results {
         Ok(())
     }
 
+    /// Where the results go.
+    pub fn folder(&self) -> &Path {
+        &self.output
+    }
+
+    /// Pixels of each picture; 0 if none are made.
+    pub fn pixels(&self) -> u64 {
+        let (width, height) = self.picture.preview_size;
+        if self.picture.no_preview { 0 } else { width as u64 * height as u64 }
+    }
+
     /// Tells a terminal of the bake and where its files are.
     pub fn tell(&self, scene: &Scene, bake: &Bake, running: &Running) {
         if !running.quiet && !running.json_progress {

@@ -38,6 +38,17 @@ pub fn map(path: &Path) -> Result<Bytes> {
     mapped().map_err(|e| Error::io(path, e))
 }
 
+/// Bytes `from .. from + length` of an open file, not copied; `from` must be a multiple of 64 KiB and `length` above 0.
+/// They may reach beyond the end of the file as long as none there is read.
+///
+/// # Errors
+/// Those of the system.
+pub(crate) fn window(file: &File, from: u64, length: usize) -> io::Result<Bytes> {
+    // SAFETY: as above; the callers write every byte once, before they hand out a slice that holds it.
+    let map = unsafe { memmap2::MmapOptions::new().offset(from).len(length).map(file)? };
+    Ok(Bytes::from_owner(map))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -50,6 +50,39 @@ impl Preview {
         ToneMap::automatic(lit.map(|(radiance, _)| *radiance))
     }
 
+    fn black(width: u32, height: u32) -> Preview {
+        let n = width as usize * height as usize;
+        let colours = || vec![Vec3::ZERO; n];
+        Preview {
+            width,
+            height,
+            direct: colours(),
+            exitance: colours(),
+            secondary: colours(),
+            combined: colours(),
+            albedo: colours(),
+            normal: colours(),
+            depth: vec![f32::INFINITY; n],
+            shines: vec![false; n],
+        }
+    }
+
+    /// Writes the pixels of a tile to their places.
+    fn put(&mut self, left: u32, top: u32, tile: &[Pixel]) {
+        let columns = TILE.min(self.width - left) as usize;
+        for (k, p) in tile.iter().enumerate() {
+            let at = (top as usize + k / columns) * self.width as usize + left as usize + k % columns;
+            self.direct[at] = p.direct;
+            self.exitance[at] = p.exitance;
+            self.secondary[at] = p.secondary;
+            self.combined[at] = p.direct + p.secondary;
+            self.albedo[at] = p.albedo;
+            self.normal[at] = p.normal;
+            self.depth[at] = p.depth;
+            self.shines[at] = p.shines;
+        }
+    }
+
     /// The exitance as the radiance that a diffuse surface shows, W/m2/sr.
     pub fn exitance_radiance(&self) -> Vec<Vec3> {
         self.exitance.iter().map(|m| *m / std::f32::consts::PI).collect()
@@ -92,31 +125,23 @@ pub fn render(
     let picture = Picture { scene, bake, view, width, height, emission };
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     progress.begin("preview", width as u64 * height as u64);
-    let tiles: Vec<Vec<Pixel>> = (0..columns * rows)
-        .into_par_iter()
-        .map(|i| {
-            let pixels = picture.tile(i % columns * TILE, i / columns * TILE, progress.stopped());
-            progress.advance(pixels.len() as u64);
-            pixels
-        })
-        .collect();
-    progress.end();
-    let mut preview = Preview { width, height, ..Default::default() };
-    for y in 0..height {
-        for x in 0..width {
-            let tile_width = TILE.min(width - x / TILE * TILE);
-            let tile = &tiles[(y / TILE * columns + x / TILE) as usize];
-            let p = tile[(y % TILE * tile_width + x % TILE) as usize];
-            preview.direct.push(p.direct);
-            preview.exitance.push(p.exitance);
-            preview.secondary.push(p.secondary);
-            preview.combined.push(p.direct + p.secondary);
-            preview.albedo.push(p.albedo);
-            preview.normal.push(p.normal);
-            preview.depth.push(p.depth);
-            preview.shines.push(p.shines);
+    let mut preview = Preview::black(width, height);
+    let all: Vec<u32> = (0..columns * rows).collect();
+    // As many at a time as keep all threads busy: a tile takes as much memory as its part of the preview.
+    for some in all.chunks(16 * rayon::current_num_threads()) {
+        let tiles: Vec<Vec<Pixel>> = some
+            .par_iter()
+            .map(|i| {
+                let pixels = picture.tile(i % columns * TILE, i / columns * TILE, progress.stopped());
+                progress.advance(pixels.len() as u64);
+                pixels
+            })
+            .collect();
+        for (i, tile) in some.iter().zip(tiles) {
+            preview.put(i % columns * TILE, i / columns * TILE, &tile);
         }
     }
+    progress.end();
     preview
 }
 

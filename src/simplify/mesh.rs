@@ -1,8 +1,11 @@
 //! The voxel-split mesh: what light is finally told at.
 
-use std::collections::HashMap;
+use std::{
+    collections::{HashMap, HashSet},
+    hash::{BuildHasher, Hasher},
+};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{
@@ -10,7 +13,7 @@ use super::{
     clip::{point_at, uv_centroid},
     normal_of,
     surfels::UNLIKE,
-    weld::{BuildFast, weld},
+    weld::{self, BuildFast, weld},
 };
 use crate::{
     Scene,
@@ -40,6 +43,7 @@ pub struct SplitMesh {
 }
 
 /// A corner of a fragment's side.
+#[derive(Clone, Copy, Default)]
 struct Corner {
     position: Vec3,
     normal: Vec3,
@@ -63,10 +67,7 @@ pub fn split_mesh(
 ) -> SplitMesh {
     let sides: Vec<(usize, usize)> =
         (0..fragments.len()).flat_map(|f| [(f, 0), (f, 1)]).filter(|&(f, side)| wanted(f, side)).collect();
-    let corners: Vec<Corner> = sides
-        .par_chunks(1024)
-        .flat_map_iter(|chunk| chunk.iter().flat_map(|&(f, side)| fragment_corners(scene, fragments, f, side)))
-        .collect();
+    let corners = all_corners(scene, fragments, &sides);
     let (shared, count) = weld(&corners, |c| (c.position, c.normal));
     let vertex_of = separate(&corners, shared, count, voxel_size, scene, tracer);
 
@@ -103,28 +104,39 @@ pub fn split_mesh(
     mesh
 }
 
+/// Corners of all sides, in their order. They are written to their places at once: they are the largest thing that a bake
+/// holds, and a second copy would be its peak of memory.
+fn all_corners(scene: &Scene, fragments: &Fragments, sides: &[(usize, usize)]) -> Vec<Corner> {
+    let count = |sides: &[(usize, usize)]| sides.iter().map(|&(f, _)| fragments.uv(f).len()).sum::<usize>();
+    let mut corners = vec![Corner::default(); count(sides)];
+    let mut rest = &mut corners[..];
+    let mut parts = Vec::new();
+    for chunk in sides.chunks(1024) {
+        let (part, others) = std::mem::take(&mut rest).split_at_mut(count(chunk));
+        parts.push((chunk, part));
+        rest = others;
+    }
+    parts.into_par_iter().for_each(|(chunk, part)| {
+        let made = chunk.iter().flat_map(|&(f, side)| fragment_corners(scene, fragments, f, side));
+        part.iter_mut().zip(made).for_each(|(place, corner)| *place = corner);
+    });
+    corners
+}
+
 /// Corners of one side; those of the back run the other way round.
 fn fragment_corners(scene: &Scene, fragments: &Fragments, f: usize, side: usize) -> Vec<Corner> {
     let t = fragments.triangle[f] as usize;
     let triangle = scene.corners_of(t);
-    let sign = if side == 1 { -1.0 } else { 1.0 };
-    let flat = sign * normal_of(&triangle);
+    let flat = sign_of(side) * normal_of(&triangle);
     let uv = fragments.uv(f);
     let middle = point_at(&triangle, uv_centroid(uv));
     let mut corners: Vec<Corner> = uv
         .iter()
         .map(|&p| {
             let position = point_at(&triangle, p);
-            let normal = match scene.corners.normals.get(t) {
-                Some([a, b, c]) => {
-                    let n = (sign * (*a * (1.0 - p.x - p.y) + *b * p.x + *c * p.y)).normalize_or_zero();
-                    if n.dot(flat) > 0.0 { n } else { flat }
-                }
-                None => flat,
-            };
             Corner {
                 position,
-                normal,
+                normal: shading_normal(scene, t, side, flat, p),
                 flat,
                 albedo: scene.albedo(t, p.x, p.y),
                 inside: position + NUDGE * (middle - position),
@@ -135,6 +147,50 @@ fn fragment_corners(scene: &Scene, fragments: &Fragments, f: usize, side: usize)
         corners.reverse();
     }
     corners
+}
+
+/// 1 for the front, -1 for the back.
+fn sign_of(side: usize) -> f32 {
+    if side == 1 { -1.0 } else { 1.0 }
+}
+
+/// Normal of a side of triangle `t` at the place `p`; `flat` is its geometric one.
+fn shading_normal(scene: &Scene, t: usize, side: usize, flat: Vec3, p: Vec2) -> Vec3 {
+    let Some([a, b, c]) = scene.corners.normals.get(t) else { return flat };
+    let n = (sign_of(side) * (*a * (1.0 - p.x - p.y) + *b * p.x + *c * p.y)).normalize_or_zero();
+    if n.dot(flat) > 0.0 { n } else { flat }
+}
+
+/// One place in so many is looked at to foresee the number of vertices.
+const SAMPLED: u64 = 16;
+
+/// How many corners a split mesh will have, and about how many vertices: places and normals of a sixteenth of them are
+/// told apart, without those that lie under a wall.
+pub(crate) fn foresee(
+    scene: &Scene,
+    fragments: &Fragments,
+    wanted: impl Fn(usize, usize) -> bool + Sync,
+) -> (usize, usize) {
+    let mut corners = 0;
+    let mut places: HashSet<[i32; 6], BuildFast> = HashSet::default();
+    for f in 0..fragments.len() {
+        let t = fragments.triangle[f] as usize;
+        let triangle = scene.corners_of(t);
+        for side in (0..2).filter(|&side| wanted(f, side)) {
+            let flat = sign_of(side) * normal_of(&triangle);
+            corners += fragments.uv(f).len();
+            for &p in fragments.uv(f) {
+                let place = weld::place(point_at(&triangle, p));
+                let mut hash = BuildFast::default().build_hasher();
+                place.iter().for_each(|&x| hash.write_i32(x));
+                if hash.finish() % SAMPLED == 0 {
+                    let [x, y, z] = (shading_normal(scene, t, side, flat, p) * 50.0).round().as_ivec3().to_array();
+                    places.insert([place[0], place[1], place[2], x, y, z]);
+                }
+            }
+        }
+    }
+    (corners, places.len() * SAMPLED as usize)
 }
 
 /// Splits vertices whose corners do not see each other; returns the final vertex of every corner.

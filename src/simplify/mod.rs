@@ -26,6 +26,7 @@ pub use feet::onto_surfaces;
 pub use grid::Grid;
 pub use hit_map::HitMap;
 pub(crate) use layers::{LIFT, clear_heights};
+pub(crate) use mesh::foresee;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
 pub use proxy::proxy;

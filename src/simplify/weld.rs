@@ -100,6 +100,11 @@ fn cell(p: Vec3, size: f32) -> IVec3 {
     (p / size).floor().as_ivec3()
 }
 
+/// The cell of a position, away from where the voxels cut: equal positions have the same, all but always.
+pub fn place(p: Vec3) -> [i32; 3] {
+    cell(p + SHIFT, CELL).to_array()
+}
+
 /// The cells within `margin` of `p`.
 fn around(p: Vec3, size: f32, margin: f32) -> impl Iterator<Item = IVec3> {
     let (low, high) = (cell(p - margin, size), cell(p + margin, size));

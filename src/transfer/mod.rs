@@ -7,6 +7,7 @@ mod lanes;
 mod matrix;
 mod points;
 mod rows;
+mod spill;
 mod tally;
 
 pub use cast::{Casting, cast, receive, row_length, row_rays, seconds_a_ray};
@@ -15,3 +16,4 @@ pub use estimate::{Estimate, Plan, estimate, estimate_plan, first_wave};
 pub use matrix::FormFactors;
 pub use points::PointSets;
 pub use rows::{Block, BlockWriter, Row, RowKeeper, RowRef, Rows, View};
+pub use spill::Spill;

@@ -6,7 +6,7 @@
 use bytes::Bytes;
 use rayon::prelude::*;
 
-use crate::Result;
+use crate::{Result, outlook::Outlook};
 
 /// What the leading rays of a row say of its patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -403,6 +403,15 @@ impl Rows {
 
 /// Is shown every block of rows that is cast, before it is used.
 pub trait RowKeeper {
+    /// Is told, before the first row is cast, of the store that they come to: the rows of earlier work may be added to it.
+    /// `outlook` tells what the work will take; it casts a few rows to find out.
+    ///
+    /// # Errors
+    /// The work shall not be done.
+    fn begin(&mut self, _rows: &mut Rows, _outlook: &dyn Fn() -> Result<Outlook>) -> Result<()> {
+        Ok(())
+    }
+
     /// Writes the block down, moves its bytes elsewhere, or does nothing.
     ///
     /// # Errors

@@ -1,0 +1,116 @@
+//! What a bake will take of the memory, once its patches are known and before its rows are cast.
+//!
+//! What the process holds by then is measured, not foretold: scene, ray-tracing structure, fragments and patches. The rest
+//! is counted, and the bytes of a row come from a sample of them. Constants are measured peaks of five scenes (see
+//! ARCHITECTURE.md), with the allocator of glibc and two threads.
+
+use crate::output::report::{memory_bytes, peak_memory_bytes};
+
+/// Memory of a bake, bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Outlook {
+    /// What the process holds now; 0 where the system does not tell.
+    pub held: u64,
+    /// What it has held at most.
+    pub peak: u64,
+    /// The form factors.
+    pub rows: u64,
+    /// What the rest of the bake adds at its largest, without the rows.
+    pub rest: u64,
+    /// What of this is there when the bake is done, for those who go on with it.
+    pub lasting: u64,
+    /// What was freed before and will be used again, about.
+    pub reused: u64,
+}
+
+/// What an outlook is made from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sizes {
+    pub patches: usize,
+    /// Bytes of all rows together.
+    pub row_bytes: f64,
+    /// Corners and vertices of the split mesh.
+    pub corners: usize,
+    pub vertices: usize,
+    pub estimate: bool,
+}
+
+/// Bytes a patch while the system is solved.
+const SOLVED_PATCH: f64 = 260.0;
+/// Bytes a corner while the split mesh is made.
+const CORNER: f64 = 100.0;
+/// Bytes a vertex with its light.
+const VERTEX: f64 = 210.0;
+/// Bytes a patch while the error is estimated.
+const ESTIMATED_PATCH: f64 = 180.0;
+/// What the rays of the patches' direct light leave to be used again, and what all before did as a share.
+const REUSED: f64 = 20e6;
+const REUSED_SHARE: f64 = 0.1;
+/// Bytes a pixel while pictures are written.
+const PIXEL: f64 = 234.0;
+
+impl Outlook {
+    pub(crate) fn new(sizes: &Sizes) -> Outlook {
+        let Sizes { patches, row_bytes, corners, vertices, estimate } = *sizes;
+        let (held, peak) = (memory_bytes(), peak_memory_bytes());
+        let solved = patches as f64 * SOLVED_PATCH;
+        let meshed = vertices as f64 * VERTEX;
+        let estimated = if estimate { patches as f64 * ESTIMATED_PATCH } else { 0.0 };
+        let lasting = solved + meshed + estimated;
+        let rest = lasting.max(solved + corners as f64 * CORNER);
+        let reused = REUSED + REUSED_SHARE * held as f64;
+        Outlook {
+            held,
+            peak,
+            rows: row_bytes as u64,
+            rest: rest as u64,
+            lasting: lasting as u64,
+            reused: reused as u64,
+        }
+    }
+
+    /// The largest memory of the process, if pictures of so many pixels are made at last; without the rows if they are
+    /// `spilled`.
+    pub fn most(&self, pixels: u64, spilled: bool) -> u64 {
+        let rows = if spilled { 0 } else { self.rows };
+        let with = |more: u64| self.held + (rows + more).saturating_sub(self.reused);
+        self.peak.max(with(self.rest)).max(with(self.lasting) + (pixels as f64 * PIXEL) as u64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_of_what_comes_counts_and_spilled_rows_do_not() {
+        let mb = 1 << 20;
+        let outlook =
+            Outlook { held: 100 * mb, peak: 120 * mb, rows: 50 * mb, rest: 40 * mb, lasting: 10 * mb, reused: 20 * mb };
+        assert_eq!(outlook.most(0, false), 170 * mb);
+        // Nothing is below what was held already.
+        assert_eq!(outlook.most(0, true), 120 * mb);
+        let pictures = outlook.most(1 << 20, false);
+        assert_eq!(pictures, 140 * mb + (PIXEL * (1 << 20) as f64) as u64);
+    }
+
+    #[test]
+    fn an_outlook_grows_with_everything_it_counts() {
+        let sizes = Sizes { patches: 1000, row_bytes: 1e6, corners: 4000, vertices: 1000, estimate: false };
+        let most = |sizes: Sizes| {
+            let outlook = Outlook::new(&sizes);
+            (outlook.rows + outlook.rest, outlook.lasting)
+        };
+        let less = most(sizes);
+        for more in [
+            Sizes { patches: 2000, ..sizes },
+            Sizes { row_bytes: 2e6, ..sizes },
+            Sizes { corners: 8000, ..sizes },
+            Sizes { vertices: 3000, ..sizes },
+            Sizes { estimate: true, ..sizes },
+        ] {
+            let more = most(more);
+            assert!(more.0 > less.0 || more.1 > less.1, "{more:?} {less:?}");
+        }
+    }
+}
