@@ -94,12 +94,26 @@ const FOREIGN: [&str; 24] = [
     "--termseq",
 ];
 
-const COMMANDS: [&str; 9] =
-    ["bake", "prepare", "relight", "points", "check", "reference", "compare", "selftest", "bench"];
+const COMMANDS: [&str; 14] = [
+    "bake",
+    "prepare",
+    "relight",
+    "farm plan",
+    "farm shard",
+    "farm status",
+    "farm merge",
+    "farm submit",
+    "points",
+    "check",
+    "reference",
+    "compare",
+    "selftest",
+    "bench",
+];
 
 #[test]
 fn every_option_that_the_documents_name_exists() {
-    let texts = COMMANDS.map(|command| help(&[command]));
+    let texts = COMMANDS.map(|command| help(&command.split(' ').collect::<Vec<_>>()));
     let known: BTreeSet<&str> = texts.iter().flat_map(|text| options(text)).chain(FOREIGN).collect();
     for document in documents() {
         let text = fs::read_to_string(&document).unwrap();
@@ -114,7 +128,7 @@ fn the_readme_names_every_option() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let named = options(&readme);
     for command in COMMANDS {
-        for option in options(&help(&[command])).into_iter().filter(|option| *option != "--help") {
+        for option in options(&help(&command.split(' ').collect::<Vec<_>>())).into_iter().filter(|option| *option != "--help") {
             assert!(named.contains(option), "README.md leaves out {option} of luxel {command}");
         }
     }

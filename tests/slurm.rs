@@ -181,5 +181,7 @@ fn a_bake_by_slurm_whose_tasks_are_killed_and_requeued_in_mid_run_has_the_bytes_
     let log = |shard: u32| fs::read_to_string(folder.join(format!("logs/shard-{}_{shard}.log", arrays[0]))).unwrap();
     assert!(log(0).contains("shard ended with code 137, requeued"), "{}", log(0));
     assert!(log(1).contains("DUE TO JOB REQUEUE"), "{}", log(1));
+    // Both went on where they were.
+    assert!((0..2).all(|shard| log(shard).contains("rows were there")), "{}{}", log(0), log(1));
     assert_same_results(&path("bake"), &merged);
 }
