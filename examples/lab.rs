@@ -1,6 +1,11 @@
-use std::{path::Path, f64::consts::TAU, time::Instant};
 use glam::{DAffine3, DVec3};
-use luxel::{BakeOptions, Relighter, bake, options::Resolution, progress::Silent, scene::{self, SceneOverrides}};
+use luxel::{
+    BakeOptions, Relighter, bake,
+    options::Resolution,
+    progress::Silent,
+    scene::{self, SceneOverrides},
+};
+use std::{f64::consts::TAU, path::Path, time::Instant};
 const FRAMES: usize = 240;
 fn place(frame: usize) -> DAffine3 {
     let turn = frame as f64 / FRAMES as f64 * TAU;
@@ -18,8 +23,14 @@ fn main() {
         r.place(0, place(k)).unwrap();
         let f = r.frame();
         rays = f.rays;
-        d.push(f.seconds[0]); s.push(f.seconds[1]); c.push(f.seconds[2]);
-        if k % 10 == 0 { let t = Instant::now(); r.direct(); v.push(t.elapsed().as_secs_f64()); }
+        d.push(f.seconds[0]);
+        s.push(f.seconds[1]);
+        c.push(f.seconds[2]);
+        if k % 10 == 0 {
+            let t = Instant::now();
+            r.direct();
+            v.push(t.elapsed().as_secs_f64());
+        }
     }
     for (n, mut t) in [("direct", d), ("solve", s), ("carry", c), ("vertices", v)] {
         t.sort_by(f64::total_cmp);
