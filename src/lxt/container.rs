@@ -22,6 +22,7 @@ pub struct Container {
     bytes: Bytes,
     blocks: Vec<Block>,
     by_name: HashMap<(Name, u64), usize>,
+    hash: [u8; 32],
 }
 
 struct Block {
@@ -49,19 +50,19 @@ impl Container {
     /// As of [`Container::open`].
     pub fn of_bytes(path: &Path, bytes: Bytes, purpose: Name) -> Result<Container> {
         let header = header(path, &bytes)?;
-        let (begin, entries) = table(path, &bytes, &header)?;
+        let (footer, entries) = table(path, &bytes, &header)?;
         if header.purpose != purpose {
             let message = format!("is a {} file, but a {purpose} file is needed here", header.purpose);
             return Err(Error::input(path, "", message));
         }
-        let blocks = places(&entries, begin).ok_or_else(|| damaged(path))?;
+        let blocks = places(&entries, footer.table).ok_or_else(|| damaged(path))?;
         let by_name: HashMap<(Name, u64), usize> =
             blocks.iter().enumerate().map(|(i, b)| ((b.entry.kind, b.entry.number), i)).collect();
         // A name that occurs twice would hide a block.
         if by_name.len() != blocks.len() {
             return Err(damaged(path));
         }
-        Ok(Container { path: path.into(), bytes, blocks, by_name })
+        Ok(Container { path: path.into(), bytes, blocks, by_name, hash: footer.hash })
     }
 
     /// The file.
@@ -74,13 +75,9 @@ impl Container {
         self.blocks.iter().map(|b| (b.entry.kind, b.entry.number))
     }
 
-    /// What tells this content from any other, hexadecimal: the hash of the table, which holds those of the blocks.
+    /// What tells this content from any other, hexadecimal: the hash of header and table, which holds those of the blocks.
     pub fn id(&self) -> String {
-        let mut hasher = blake3::Hasher::new();
-        for block in &self.blocks {
-            hasher.update(bytemuck::bytes_of(&block.entry));
-        }
-        hasher.finalize().to_hex().to_string()
+        blake3::Hash::from(self.hash).to_hex().to_string()
     }
 
     /// Numbers of the blocks of `kind`, in the order of the file.
@@ -169,8 +166,8 @@ fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
     Ok(header)
 }
 
-/// Where the table begins, and its entries.
-fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(u64, Vec<Entry>)> {
+/// The last 64 bytes, and the entries of the table.
+fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(Footer, Vec<Entry>)> {
     let cut = || Error::input(path, "", format!("is cut off or damaged at its end, byte {}: {REMEDY}", bytes.len()));
     let end = bytes.len().checked_sub(size_of::<Footer>()).ok_or_else(cut)?;
     let footer = struct_at::<Footer>(bytes, end).filter(|f| f.end == END).ok_or_else(cut)?;
@@ -181,7 +178,7 @@ fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(u64, Vec<Entry>)
     if !whole || hash != footer.hash || (header.zero, header.rest, footer.zero) != (0, [0; 4], 0) {
         return Err(damaged(path));
     }
-    Ok((footer.table, table.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned).collect()))
+    Ok((footer, table.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned).collect()))
 }
 
 /// Where the blocks lie: one after the other, up to the table that begins at `end`.
