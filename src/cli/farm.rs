@@ -140,7 +140,7 @@ fn plan(args: &PlanArgs) -> Result<()> {
         for warning in &job.scene.warnings {
             line("warning", warning.clone());
         }
-        line("shards", format!("{count} of {:.1} to {most:.1} s of one thread each, {all:.0} s in all", least(shards)));
+        line("shards", format!("{count} of {:.2} to {most:.2} s of one thread each, {all:.1} s in all", least(shards)));
         line("plan", place.to_string());
         line("next", format!("luxel farm shard {place} K for K = 0 to {}, then luxel farm merge {place}", count - 1));
     }
