@@ -128,7 +128,9 @@ fn the_readme_names_every_option() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let named = options(&readme);
     for command in COMMANDS {
-        for option in options(&help(&command.split(' ').collect::<Vec<_>>())).into_iter().filter(|option| *option != "--help") {
+        for option in
+            options(&help(&command.split(' ').collect::<Vec<_>>())).into_iter().filter(|option| *option != "--help")
+        {
             assert!(named.contains(option), "README.md leaves out {option} of luxel {command}");
         }
     }
