@@ -13,7 +13,8 @@ while [[ $1 == -* ]]; do shift; done
 echo "$1" >>"${0%/*}/machines"
 shift
 [ "$1" = -- ] && shift
-exec sh -c "$*"
+# As sshd does; without it nothing is run.
+SHELL=/bin/sh exec sh -c "$*"
 "#;
 
 #[test]
