@@ -32,7 +32,7 @@ impl Bake {
             self.foresight.sky = Sky::default();
         }
         self.lights = lights;
-        (self.bright, self.glow, self.error) = (None, None, None);
+        (self.bright, self.glow, self.error, self.report.error) = (None, None, None, None);
         self.smooth = indirect.clone();
         self.carried = radiosity.clone();
         let PatchLight { reached, known, .. } = std::mem::take(&mut self.light);

@@ -20,10 +20,12 @@ use crate::{
     transfer::{self, Rows},
 };
 
+mod orbit;
 mod solution;
 mod source;
 mod transport;
 
+pub use orbit::{middle, orbit};
 pub use source::Source;
 
 use solution::Solution;
@@ -344,6 +346,11 @@ impl Relighter {
         let radiosity = spread(&|k| self.solution.radiosity[k].truncate());
         self.bake.relight(lights, direct, indirect, radiosity);
         &self.bake
+    }
+
+    /// The scene and the bake together as [`Relighter::bake`] left them.
+    pub fn lit(&self) -> (&Scene, &Bake) {
+        (&self.scene, &self.bake)
     }
 
     fn source(&self, source: usize) -> Result<&Source> {
