@@ -27,10 +27,7 @@ const MAGIC: &[u8; 8] = b"LuxelCk\x01";
 const HASH: usize = 32;
 /// Bytes of a frame before its payload: length and checksum.
 const FRAME: usize = 8 + HASH;
-/// Rows wait so long for being written, or until they take so many bytes: at first, and twice as long after each time, up
-/// to the longest. So work of a moment writes no file at all, and a longer one can lose so much.
-const FIRST_WAIT: Duration = Duration::from_millis(500);
-const WAIT: Duration = Duration::from_secs(5);
+/// Bytes of rows that do not wait longer for being written.
 const WAITING: usize = 64 << 20;
 /// Settings that rows depend on.
 const SETTINGS: [&str; 7] = ["resolution", "patches", "target_patches", "rays", "seed", "skip", "only"];
@@ -51,23 +48,24 @@ pub struct Checkpoint {
     waiting: Vec<(Block, bool)>,
     waiting_bytes: usize,
     written: Instant,
-    wait: Duration,
+    every: Duration,
 }
 
 impl Checkpoint {
-    /// A checkpoint at `path` of the rows of `scene` with `options`. No file is touched yet.
+    /// A checkpoint at `path` of the rows of `scene` with `options`, which are written `every` so often: work that takes
+    /// less writes no file at all, longer work can lose so much. No file is touched yet.
     ///
     /// # Errors
     /// Those of [`Identity::new`].
-    pub fn new(path: PathBuf, scene: &Scene, options: &BakeOptions) -> Result<Checkpoint> {
-        Checkpoint::of(path, Identity::new(scene, options)?, options)
+    pub fn new(path: PathBuf, scene: &Scene, options: &BakeOptions, every: Duration) -> Result<Checkpoint> {
+        Checkpoint::of(path, Identity::new(scene, options)?, options, every)
     }
 
     /// As [`Checkpoint::new`], for a scene of which the identity is known.
     ///
     /// # Errors
     /// None in practice: settings always have names.
-    pub fn of(path: PathBuf, identity: Identity, options: &BakeOptions) -> Result<Checkpoint> {
+    pub fn of(path: PathBuf, identity: Identity, options: &BakeOptions, every: Duration) -> Result<Checkpoint> {
         let all = serde_json::to_value(options).map_err(|e| Error::Option(format!("settings without a name: {e}")))?;
         let settings = SETTINGS.iter().map(|&name| (name.to_string(), all[name].clone())).collect();
         Ok(Checkpoint {
@@ -77,7 +75,7 @@ impl Checkpoint {
             waiting: Vec::new(),
             waiting_bytes: 0,
             written: Instant::now(),
-            wait: FIRST_WAIT,
+            every,
         })
     }
 
@@ -169,18 +167,14 @@ impl Checkpoint {
         Ok(found)
     }
 
-    /// Adds rows; of other rays than those that count, if `again`. They are in the file some seconds later.
+    /// Adds rows; of other rays than those that count, if `again`. They are in the file before long.
     ///
     /// # Errors
     /// [`Error::Io`], if the disk is full.
     pub fn add(&mut self, block: &Block, again: bool) -> Result<()> {
         self.waiting_bytes += block.bytes.len() + block.marks.len();
         self.waiting.push((block.clone(), again));
-        if self.waiting_bytes < WAITING && self.written.elapsed() < self.wait {
-            return Ok(());
-        }
-        self.wait = (2 * self.wait).min(WAIT);
-        self.flush()
+        if self.waiting_bytes >= WAITING || self.written.elapsed() >= self.every { self.flush() } else { Ok(()) }
     }
 
     /// Writes what waits.
@@ -298,12 +292,14 @@ mod tests {
         writer.finish()
     }
 
+    const HOUR: Duration = Duration::from_secs(3600);
+
     fn furnished() -> Scene {
         invariants::furnished(false).build().unwrap().0
     }
 
     fn checkpoint(folder: &Path, options: &BakeOptions) -> Checkpoint {
-        Checkpoint::new(folder.join("checkpoint"), &furnished(), options).unwrap()
+        Checkpoint::new(folder.join("checkpoint"), &furnished(), options, HOUR).unwrap()
     }
 
     fn resumed(checkpoint: &mut Checkpoint) -> Result<Rows> {
@@ -394,7 +390,7 @@ mod tests {
         let mut scene = furnished();
         scene.positions[0].x += 0.01;
         let path = folder.path().join("checkpoint");
-        let mut moved = Checkpoint::new(path.clone(), &scene, &BakeOptions::default()).unwrap();
+        let mut moved = Checkpoint::new(path.clone(), &scene, &BakeOptions::default(), HOUR).unwrap();
         let message = resumed(&mut moved).unwrap_err().to_string();
         assert!(message.contains("of other surfaces"), "{message}");
         fs::write(&path, "something else altogether").unwrap();
