@@ -253,7 +253,13 @@ fn a_plan_of_another_build_or_in_another_plans_place_is_refused() {
     let mut again = luxel();
     again.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&place).args(["--shard-seconds", "60"]);
     assert!(ends(&mut again, 1).contains("there is a plan already"));
-    ends(luxel().args(["farm", "plan"]).arg(cornell()).arg("-o").arg(folder.path().join("other")), 2);
+    let other = folder.path().join("other");
+    let mut neither = luxel();
+    neither.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&other).args(QUICK);
+    ends(&mut neither, 2);
+    let said = ends(neither.args(["--shard-seconds", "1000", "--json-progress"]), 0);
+    assert!(said.contains("\"shards\":1"), "{said}");
+    assert_eq!(Plan::open(&other).unwrap().shards().len(), 1);
 
     let path = place.join("plan.lxt");
     let bytes = fs::read(&path).unwrap();
@@ -335,6 +341,7 @@ mod interrupted {
         let mut child = begun(&place, &checkpoint);
         send(&child, TERM);
         assert_eq!(child.wait().unwrap().code(), Some(128 + TERM));
+        fs::write(place.join(".shard-0.lxt.1.tmp"), "half of a shard").unwrap();
         // A torn end, as of a machine that lost its power.
         let mut bytes = fs::read(&checkpoint).unwrap();
         bytes.extend([7; 100]);
@@ -343,7 +350,9 @@ mod interrupted {
         let said = ends(shard(&place, "0").arg("--json-progress"), 0);
         let last: serde_json::Value = serde_json::from_str(said.trim().lines().last().unwrap()).unwrap();
         assert!(last["rows_resumed"].as_u64().unwrap() > rows, "{said}");
-        assert!(!checkpoint.exists());
+        let mut left: Vec<_> = fs::read_dir(&place).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        left.sort();
+        assert_eq!(left, ["plan.lxt", "shard-0.lxt"]);
 
         let whole = folder.path().join("whole");
         fs::create_dir(&whole).unwrap();

@@ -1,6 +1,12 @@
 //! One shard: casting it, and reading what was cast.
 
-use std::{collections::BTreeMap, fs, io, path::PathBuf, thread, time::Duration};
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::PathBuf,
+    thread,
+    time::{Duration, Instant},
+};
 
 use serde::{Deserialize, Serialize};
 
@@ -14,13 +20,12 @@ use crate::{
         rows::{self, AGAIN, ROWS},
         write_file,
     },
+    output::atomic::sweep,
     progress::Progress,
     trace,
     transfer::{self, Block, Casting, RowKeeper, Rows},
 };
 
-/// How often rows are written down while they are cast.
-const EVERY: Duration = Duration::from_millis(500);
 const SHARD: Name = Name::new("shard");
 const IDENTITY: Name = Name::new("identity");
 const SETTINGS: Name = Name::new("settings");
@@ -28,6 +33,11 @@ const SETTINGS: Name = Name::new("settings");
 /// Who asks whether a shard is being cast holds its lock for a moment; who wants to cast it tries again so often.
 const TRIES: u32 = 3;
 const PAUSE: Duration = Duration::from_millis(30);
+
+/// From the beginning until rows are written down, and between two times at last. In between the times double, so that what
+/// a kill costs is a few seconds, and half of the work at most.
+const FIRST: Duration = Duration::from_millis(250);
+const LAST: Duration = Duration::from_secs(8);
 
 /// What came of the order to cast a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +92,7 @@ impl Plan {
         if self.shard(k, &outline).is_ok() {
             return Ok(Cast::Before);
         }
+        sweep(self.folder(), &format!("shard-{k}.lxt"));
         let simplified = self.simplified()?;
         let options = self.options();
         let tracer = trace::build(options.backend, &simplified.geometry)?;
@@ -96,17 +107,17 @@ impl Plan {
         };
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
-        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, EVERY)?;
-        let mut journal = Journal { checkpoint, again: false };
+        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;
+        let mut journal = Journal { checkpoint, again: false, written: Instant::now(), wait: FIRST };
         if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
             // It is of something else; nobody asked for it to be used.
             journal.checkpoint.discard()?;
         }
         let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
-        let mut rays = transfer::cast_few(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
+        let mut rays = transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
         journal.again = true;
         let casting = Casting { again: 1, marked: false, ..casting };
-        rays += transfer::cast(&casting, &other, &mut again, &mut journal, progress)?;
+        rays += transfer::cast(&casting, &other, &[], &mut again, &mut journal, progress)?;
 
         let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
         let again = again.in_order(ROWS_A_BLOCK, |_| true);
@@ -208,11 +219,17 @@ struct Journal {
     checkpoint: Checkpoint,
     /// Whether rows of other rays come.
     again: bool,
+    written: Instant,
+    wait: Duration,
 }
 
 impl RowKeeper for Journal {
     fn keep(&mut self, block: Block) -> Result<Block> {
         self.checkpoint.add(&block, self.again)?;
+        if self.written.elapsed() >= self.wait {
+            self.checkpoint.flush()?;
+            (self.written, self.wait) = (Instant::now(), (2 * self.wait).min(LAST));
+        }
         Ok(block)
     }
 }

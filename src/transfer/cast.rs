@@ -54,21 +54,6 @@ pub fn cast(
     keeper: &mut dyn RowKeeper,
     progress: &dyn Progress,
 ) -> Result<u64> {
-    cast_few(casting, patches, &[], rows, keeper, progress)
-}
-
-/// As [`cast`]; rows of patches that are `few` have fewer rays (empty: none have).
-///
-/// # Errors
-/// As of [`cast`].
-pub fn cast_few(
-    casting: &Casting,
-    patches: &[u32],
-    few: &[bool],
-    rows: &mut Rows,
-    keeper: &mut dyn RowKeeper,
-    progress: &dyn Progress,
-) -> Result<u64> {
     let caster = Caster::new(casting);
     let mut cast = 0;
     progress.begin("form factors", patches.len() as u64);
