@@ -9,6 +9,7 @@ mod brute;
 mod bvh;
 #[cfg(feature = "embree")]
 mod embree;
+mod wide;
 
 pub use brute::Brute;
 pub use bvh::Bvh;
