@@ -19,6 +19,7 @@ mod needs;
 mod outline;
 mod outlook;
 mod prepared;
+mod relit;
 mod skipped;
 mod vertices;
 
@@ -113,7 +114,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
-    run.keeper.begin(&mut kept.rows, &|| outlook::outlook(scene, &casting, &lit, options, progress))?;
+    outlook::begin(scene, &casting, &lit, &mut kept.rows, options, run.keeper, progress)?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {

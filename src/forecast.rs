@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::{
     BakeOptions, Result, Scene,
     options::PatchSource,
+    outlook::{Outlook, Sizes},
     simplify::{self, Grid},
     trace,
 };
@@ -13,7 +14,8 @@ use crate::{
 ///
 /// The scene is cut into voxels as the bake will cut it, so fragments are nearly exact. How many patches are split where
 /// they straddle something takes rays to know: patches, rays, bytes and seconds are estimates within a factor of two or
-/// so. All patches are taken as reached by light.
+/// so. All patches are taken as reached by light. A bake with a limit foretells its memory better, from its patches and
+/// a sample of its rows: see [`Outlook`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Forecast {
     /// Voxel size, world units.
@@ -28,7 +30,7 @@ pub struct Forecast {
     pub rays: u64,
     /// Bytes of the form factors.
     pub form_factor_bytes: u64,
-    /// Largest memory, bytes.
+    /// Largest memory, bytes, with pictures of the default size.
     pub memory_bytes: u64,
     /// Seconds on this machine's threads, within a factor of three.
     pub seconds: f64,
@@ -61,18 +63,24 @@ impl std::fmt::Display for Forecast {
     }
 }
 
-/// Bytes a triangle: scene, ray-tracing structure, copies for it.
-const TRIANGLE_BYTES: f64 = 420.0;
+/// Bytes a triangle: ray-tracing structure, copies for it. The scene is there.
+const TRIANGLE_BYTES: f64 = 180.0;
 /// Bytes a fragment: its corners, and its vertices with their light.
 pub(crate) const FRAGMENT_BYTES: f64 = 1000.0;
 /// Bytes a fragment while only fragments are counted.
 const COUNTED_BYTES: f64 = 160.0;
-/// Bytes a patch without its row.
-const PATCH_BYTES: f64 = 420.0;
-/// Bytes a ray of a row: 0.7 entries of 2.1 bytes, twice while rows are put in order.
-pub(crate) const RAY_BYTES: f64 = 2.0 * 0.7 * 2.1;
-/// What the program itself takes.
-const BASE_BYTES: f64 = 50e6;
+/// Bytes a fragment and a patch of the simplified scene.
+const SIMPLIFIED_FRAGMENT: f64 = 240.0;
+const SIMPLIFIED_PATCH: f64 = 250.0;
+/// Corners and vertices a fragment: five scenes have 4 to 7, and 0.8 to 2.6.
+const CORNERS: f64 = 5.0;
+const VERTICES: f64 = 1.8;
+/// What the direct light of the patches takes on its way.
+const DIRECT_BYTES: f64 = 20e6;
+/// Bytes a ray of a row: 0.7 entries of 2.1 bytes; five scenes have 0.25 to 0.77 entries.
+pub(crate) const RAY_BYTES: f64 = 0.7 * 2.1;
+/// Pixels of the pictures by default.
+const PIXELS: u64 = 640 * 480;
 
 /// Foretells the bake of `scene` with `options`.
 ///
@@ -89,10 +97,16 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
     }
     let rays = patches as u64 * options.rays as u64;
     let row_bytes = options.rays as f64 * RAY_BYTES;
-    let memory = BASE_BYTES
-        + scene.triangles.len() as f64 * TRIANGLE_BYTES
-        + fragments as f64 * FRAGMENT_BYTES
-        + patches as f64 * (PATCH_BYTES + row_bytes);
+    let sizes = Sizes {
+        patches,
+        row_bytes: patches as f64 * row_bytes,
+        corners: (fragments as f64 * CORNERS) as usize,
+        vertices: (fragments as f64 * VERTICES) as usize,
+        estimate: options.estimate,
+    };
+    let simplified = scene.triangles.len() as f64 * TRIANGLE_BYTES
+        + fragments as f64 * SIMPLIFIED_FRAGMENT
+        + patches as f64 * SIMPLIFIED_PATCH;
     let largest_mesh = by_mesh
         .iter()
         .enumerate()
@@ -104,8 +118,8 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
         fragments,
         patches,
         rays,
-        form_factor_bytes: (patches as f64 * row_bytes / 2.0) as u64,
-        memory_bytes: memory as u64,
+        form_factor_bytes: (patches as f64 * row_bytes) as u64,
+        memory_bytes: Outlook::new(&sizes).after(simplified + DIRECT_BYTES).most(PIXELS, false),
         seconds: seconds(scene, fragments, rays),
         largest_mesh,
     })

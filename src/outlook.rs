@@ -40,14 +40,16 @@ const SOLVED_PATCH: f64 = 260.0;
 /// Bytes a corner while the split mesh is made.
 const CORNER: f64 = 100.0;
 /// Bytes a vertex with its light.
-const VERTEX: f64 = 210.0;
+const VERTEX: f64 = 235.0;
+/// Bytes a patch of what is there when the bake is done.
+const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
 const ESTIMATED_PATCH: f64 = 180.0;
 /// What the rays of the patches' direct light leave to be used again, and what all before did as a share.
-const REUSED: f64 = 20e6;
+const REUSED: f64 = 16e6;
 const REUSED_SHARE: f64 = 0.1;
 /// Bytes a pixel while pictures are written.
-const PIXEL: f64 = 234.0;
+const PIXEL: f64 = 250.0;
 
 impl Outlook {
     pub(crate) fn new(sizes: &Sizes) -> Outlook {
@@ -56,8 +58,8 @@ impl Outlook {
         let solved = patches as f64 * SOLVED_PATCH;
         let meshed = vertices as f64 * VERTEX;
         let estimated = if estimate { patches as f64 * ESTIMATED_PATCH } else { 0.0 };
-        let lasting = solved + meshed + estimated;
-        let rest = lasting.max(solved + corners as f64 * CORNER);
+        let lasting = patches as f64 * LASTING_PATCH + meshed;
+        let rest = solved + (meshed + estimated).max(corners as f64 * CORNER);
         let reused = REUSED + REUSED_SHARE * held as f64;
         Outlook {
             held,
@@ -67,6 +69,12 @@ impl Outlook {
             lasting: lasting as u64,
             reused: reused as u64,
         }
+    }
+
+    /// As it will be when the process holds so many bytes more.
+    pub(crate) fn after(self, more: f64) -> Outlook {
+        let held = self.held + more as u64;
+        Outlook { held, peak: self.peak.max(held), reused: (REUSED + REUSED_SHARE * held as f64) as u64, ..self }
     }
 
     /// The largest memory of the process, if pictures of so many pixels are made at last; without the rows if they are

@@ -61,8 +61,9 @@ fn options(text: &str) -> BTreeSet<&str> {
     candidates.filter(|w| w[2..].starts_with(|c: char| c.is_ascii_lowercase())).collect()
 }
 
-fn help(arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_luxel")).args(arguments).arg("--help").output().unwrap();
+fn help(command: &str) -> String {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_luxel")).args(command.split_whitespace()).arg("--help").output().unwrap();
     String::from_utf8(output.stdout).unwrap()
 }
 
@@ -113,7 +114,7 @@ const COMMANDS: [&str; 14] = [
 
 #[test]
 fn every_option_that_the_documents_name_exists() {
-    let texts = COMMANDS.map(|command| help(&command.split(' ').collect::<Vec<_>>()));
+    let texts = COMMANDS.map(|command| help(command));
     let known: BTreeSet<&str> = texts.iter().flat_map(|text| options(text)).chain(FOREIGN).collect();
     for document in documents() {
         let text = fs::read_to_string(&document).unwrap();
@@ -128,9 +129,7 @@ fn the_readme_names_every_option() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let named = options(&readme);
     for command in COMMANDS {
-        for option in
-            options(&help(&command.split(' ').collect::<Vec<_>>())).into_iter().filter(|option| *option != "--help")
-        {
+        for option in options(&help(command)).into_iter().filter(|option| *option != "--help") {
             assert!(named.contains(option), "README.md leaves out {option} of luxel {command}");
         }
     }
@@ -139,7 +138,7 @@ fn the_readme_names_every_option() {
 #[test]
 fn every_subcommand_and_scene_that_the_readme_uses_exists() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
-    let commands = help(&[]);
+    let commands = help("");
     let mut seen = 0;
     for line in readme.lines().filter_map(|line| line.split_once("luxel ").filter(|(before, _)| before.ends_with('/')))
     {

@@ -2,11 +2,12 @@
 
 use crate::{
     BakeOptions, Result, Scene,
+    forecast::RAY_BYTES,
     options::PatchSource,
     outlook::{Outlook, Sizes},
     progress::{Hushed, Progress},
     simplify::{self, NO_PATCH},
-    transfer::{self, Casting, Rows, View},
+    transfer::{self, Casting, RowKeeper, Rows, View},
 };
 
 /// Rays of the sample of rows, and rows in it at most.
@@ -16,9 +17,26 @@ const MOST_ROWS: usize = 512;
 const CORNERS: f64 = 4.0;
 const VERTICES: f64 = 0.3;
 
+/// Tells `keeper` of the rows that are to come to `rows`, for light that starts at the patches `lit`.
+///
+/// # Errors
+/// Those of the keeper; [`Error::Option`](crate::Error::Option) for rows that fit no memory, if they stay there.
+pub(super) fn begin(
+    scene: &Scene,
+    casting: &Casting,
+    lit: &[bool],
+    rows: &mut Rows,
+    options: &BakeOptions,
+    keeper: &mut dyn RowKeeper,
+    progress: &dyn Progress,
+) -> Result<()> {
+    keeper.begin(rows, &|| outlook(scene, casting, lit, options, progress))?;
+    if keeper.spills() { Ok(()) } else { simplify::check_rows(lit.len(), options.rays, RAY_BYTES) }
+}
+
 /// What the bake will take from the rows on, if light starts at the patches `lit`: a sample of rows, evenly spaced, tells
 /// of all of them.
-pub(super) fn outlook(
+fn outlook(
     scene: &Scene,
     casting: &Casting,
     lit: &[bool],
@@ -32,7 +50,7 @@ pub(super) fn outlook(
     let count = (SAMPLE_RAYS / casting.rays as usize).min(MOST_ROWS).min(wanted.len());
     let sample: Vec<u32> = (0..count).map(|k| wanted[k * wanted.len() / count]).collect();
     let mut rows = Rows::new(lit.len());
-    transfer::cast(casting, &sample, &[], &mut rows, &mut (), &Hushed(progress))?;
+    transfer::cast(casting, &sample, &mut rows, &mut (), &Hushed(progress))?;
     let bytes: usize = rows.blocks().iter().map(|block| block.bytes.len() + block.marks.len()).sum();
     let hidden = sample.iter().filter(|&&i| rows.get(i).is_some_and(|r| r.row.view == View::Hidden)).count();
     let share = |n: usize| n as f64 / count.max(1) as f64;

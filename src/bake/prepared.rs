@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, outlook::outlook, vertices};
+use super::{measure::Clock, needs::Needs, outlook::begin, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -68,7 +68,6 @@ impl<'a> Prepared<'a> {
         };
         let own = options.patches != PatchSource::Surfels;
         let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
-        simplify::check_rows(simplified.patches.len(), options.rays, forecast::RAY_BYTES)?;
         for rows in [&mut kept.rows, &mut kept.again] {
             if rows.patches() != simplified.patches.len() {
                 *rows = Rows::new(simplified.patches.len());
@@ -122,7 +121,7 @@ impl<'a> Prepared<'a> {
     ) -> Result<u64> {
         let casting = self.casting(options, true);
         let all = vec![true; self.simplified.patches.len()];
-        keeper.begin(&mut kept.rows, &|| outlook(&self.scene, &casting, &all, options, progress))?;
+        begin(&self.scene, &casting, &all, &mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {
             // What matters to the wanted meshes does not depend on lights.
             Some([_, near]) => {
@@ -133,7 +132,7 @@ impl<'a> Prepared<'a> {
             }
             None => {
                 let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
-                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
+                let rays = transfer::cast(&casting, &all, &mut kept.rows, keeper, progress)?;
                 kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
                 rays
             }
@@ -141,7 +140,7 @@ impl<'a> Prepared<'a> {
         if options.estimate {
             let again = estimate::again(self.simplified.patches.len(), options.seed);
             let casting = Casting { again: 1, marked: false, ..casting };
-            rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
+            rays += transfer::cast(&casting, &again, &mut kept.again, keeper, progress)?;
             kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
         }
         Ok(rays)

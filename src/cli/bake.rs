@@ -6,7 +6,7 @@ use luxel::{Result, bake::Run, lxt::Cache};
 
 use super::{
     args::{BakeArgs, Goals},
-    keeper::Memory,
+    keeper::{Memory, Resume},
     progress::{Style, Terminal},
     results::Results,
 };
@@ -24,6 +24,8 @@ pub struct Args {
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
+    resume: Resume,
+    #[command(flatten)]
     bake: BakeArgs,
 }
 
@@ -36,7 +38,12 @@ pub fn run(args: &Args) -> Result<()> {
     let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let mut keeper = args.memory.keeper(args.results.folder(), args.results.pixels());
+        let folder = args.results.folder();
+        let mut keeper = args.memory.keeper(folder, args.results.pixels());
+        // A search bakes many times, with settings of its own.
+        if goal.target_error.is_none() && goal.budget.is_none() {
+            args.resume.arm(&mut keeper, folder, scene, &job.options)?;
+        }
         let mut bake = match &cache {
             Some(cache) => {
                 let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
@@ -44,8 +51,9 @@ pub fn run(args: &Args) -> Result<()> {
             }
             None => luxel::goal::bake_to_kept(scene, &job.options, &goal, &mut keeper, &progress)?,
         };
-        bake.report.foretold_memory_bytes = keeper.foretold();
+        keeper.tell(&mut bake);
         args.results.write(scene, &mut bake, staged, &progress)?;
+        keeper.finish()?;
         Ok(bake)
     })?;
     args.results.tell(scene, &bake, running);

@@ -100,6 +100,9 @@ struct MergeArgs {
     running: Running,
 }
 
+/// The ending of names of transfer files.
+const TRANSFER: &str = "lxt";
+
 pub fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Command::Plan(args) => plan(args)?,
@@ -137,7 +140,7 @@ fn plan(args: &PlanArgs) -> Result<()> {
         for warning in &job.scene.warnings {
             line("warning", warning.clone());
         }
-        line("shards", format!("{count} of {:.1} to {most:.1} s of one thread each, {all:.0} s in all", least(shards)));
+        line("shards", format!("{count} of {:.2} to {most:.2} s of one thread each, {all:.1} s in all", least(shards)));
         line("plan", place.to_string());
         line("next", format!("luxel farm shard {place} K for K = 0 to {}, then luxel farm merge {place}", count - 1));
     }
@@ -225,7 +228,7 @@ fn percent(part: usize, whole: usize) -> f64 {
 fn merge(args: &MergeArgs) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
-    if place.extension().is_some_and(|extension| extension == "lxt") {
+    if place.extension().is_some_and(|extension| extension == TRANSFER) {
         Transfer::check_place(place)?;
         on_threads(running.threads, || {
             let plan = Plan::open(&args.plan)?;

@@ -1,14 +1,19 @@
 //! What happens to the rows of a bake while they are cast: they may be written down, or moved out of memory.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use luxel::{
-    Error, Result,
+    BakeOptions, Error, Result, Scene,
+    bake::Bake,
+    lxt::Checkpoint,
     outlook::Outlook,
     transfer::{Block, RowKeeper, Rows, Spill},
 };
 
-use super::parse;
+use super::{parse, signals};
 
 /// How much memory the command may take.
 #[derive(clap::Args, Debug)]
@@ -27,11 +32,45 @@ impl Memory {
     /// A keeper that minds the limit, for a command that writes to `folder` and makes pictures of so many pixels.
     pub fn keeper(&self, folder: &Path, pixels: u64) -> Keeper {
         let folder = self.spill_dir.clone().unwrap_or(folder.into());
-        Keeper { limit: self.memory_limit, folder, pixels, foretold: None, spill: None }
+        Keeper { limit: self.memory_limit, folder, pixels, ..Keeper::default() }
     }
 }
 
-/// Minds the memory.
+/// Whether form factors are written down while they are cast.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "Running")]
+pub struct Resume {
+    /// Go on from the form factors that an interrupted bake of the same surfaces and settings has left in the output
+    /// folder, if there are any
+    #[arg(long, conflicts_with_all = ["target_error", "budget", "no_checkpoint"])]
+    resume: bool,
+    /// How often form factors are written down while they are cast: a bake that is killed loses so much
+    #[arg(long, value_name = "TIME", value_parser = parse::time, default_value = "5s")]
+    checkpoint_every: Duration,
+    /// Do not write form factors down while they are cast: an interrupted bake begins anew
+    #[arg(long, conflicts_with = "checkpoint_every")]
+    no_checkpoint: bool,
+}
+
+/// Name of the checkpoint in the output folder.
+const CHECKPOINT: &str = ".luxel.checkpoint";
+
+impl Resume {
+    /// Has `keeper` write the rows of one bake to a checkpoint in `folder`, or take them up from there.
+    ///
+    /// # Errors
+    /// Those of [`Checkpoint::new`].
+    pub fn arm(&self, keeper: &mut Keeper, folder: &Path, scene: &Scene, options: &BakeOptions) -> Result<()> {
+        if !self.no_checkpoint {
+            keeper.checkpoint = Some(Checkpoint::new(folder.join(CHECKPOINT), scene, options, self.checkpoint_every)?);
+            keeper.resume = self.resume;
+        }
+        Ok(())
+    }
+}
+
+/// Minds the memory, and writes rows down.
+#[derive(Default)]
 pub struct Keeper {
     limit: Option<u64>,
     /// Where rows are spilled to.
@@ -40,12 +79,30 @@ pub struct Keeper {
     /// Largest memory that was foretold, bytes.
     foretold: Option<u64>,
     spill: Option<Spill>,
+    checkpoint: Option<Checkpoint>,
+    resume: bool,
+    /// Rows that were there already.
+    resumed: usize,
+    /// Why there is no checkpoint any more.
+    warning: Option<String>,
 }
 
 impl Keeper {
-    /// Largest memory that was foretold, bytes, if there is a limit.
-    pub fn foretold(&self) -> Option<u64> {
-        self.foretold
+    /// Tells the report of a finished bake what was done.
+    pub fn tell(&self, bake: &mut Bake) {
+        bake.report.foretold_memory_bytes = self.foretold;
+        if let (Some(checkpoint), true) = (&self.checkpoint, self.resumed > 0) {
+            bake.report.rows.from.get_or_insert_with(|| checkpoint.path().display().to_string());
+        }
+        bake.report.warnings.extend(self.warning.clone());
+    }
+
+    /// The results are written: the checkpoint goes.
+    ///
+    /// # Errors
+    /// It cannot be removed.
+    pub fn finish(self) -> Result<()> {
+        self.checkpoint.map_or(Ok(()), Checkpoint::remove)
     }
 
     fn weigh(&mut self, limit: u64, outlook: &Outlook) -> Result<()> {
@@ -85,17 +142,37 @@ impl Keeper {
 }
 
 impl RowKeeper for Keeper {
-    fn begin(&mut self, _rows: &mut Rows, outlook: &dyn Fn() -> Result<Outlook>) -> Result<()> {
+    fn begin(&mut self, rows: &mut Rows, outlook: &dyn Fn() -> Result<Outlook>) -> Result<()> {
+        if let Some(checkpoint) = &mut self.checkpoint {
+            if self.resume {
+                self.resumed = checkpoint.resume(rows, None)?;
+            } else {
+                checkpoint.discard()?;
+            }
+            let path = checkpoint.path().display();
+            signals::set_remedy(format!("form factors so far are in {path}; the same command with --resume goes on"));
+        }
         match self.limit {
             Some(limit) => self.weigh(limit, &outlook()?),
             None => Ok(()),
         }
     }
 
+    fn spills(&self) -> bool {
+        self.spill.is_some()
+    }
+
     fn keep(&mut self, block: Block) -> Result<Block> {
-        match &mut self.spill {
-            Some(spill) => spill.put(block),
-            None => Ok(block),
+        let block = match &mut self.spill {
+            Some(spill) => spill.put(block)?,
+            None => block,
+        };
+        // The bake can do without: better no checkpoint than no bake.
+        if let Some(Err(error)) = self.checkpoint.as_mut().map(|checkpoint| checkpoint.add(&block, false)) {
+            self.checkpoint.take().map_or(Ok(()), Checkpoint::remove).ok();
+            signals::set_remedy(String::new());
+            self.warning = Some(format!("the bake went on without a checkpoint: {error}"));
         }
+        Ok(block)
     }
 }

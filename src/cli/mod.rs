@@ -30,8 +30,7 @@ mod signals;
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
 /// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked or shards
-/// are not there to be merged, 101 a bug of
-/// luxel, 130 and 143 ended by SIGINT and SIGTERM.
+/// are not there to be merged, 101 a bug of luxel, 130 and 143 ended by SIGINT and SIGTERM.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {

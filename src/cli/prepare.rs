@@ -1,6 +1,9 @@
 //! `luxel prepare`.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use luxel::{
     Error, Result,
@@ -10,6 +13,7 @@ use luxel::{
 
 use super::{
     args::BakeArgs,
+    keeper::Memory,
     progress::{Style, Terminal},
     say,
 };
@@ -19,6 +23,8 @@ pub struct Args {
     /// Transfer file to write
     #[arg(long, short, value_name = "FILE.lxt")]
     output: PathBuf,
+    #[command(flatten)]
+    memory: Memory,
     #[command(flatten)]
     bake: BakeArgs,
 }
@@ -32,7 +38,9 @@ pub fn run(args: &Args) -> Result<()> {
     Transfer::check_place(&args.output)?;
     let (rays, rows, patches) = job.on_threads(|| {
         let mut kept = Kept::default();
-        let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+        let folder = args.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let mut keeper = args.memory.keeper(folder, 0);
+        let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
         let rays = bake::prepare(&job.scene, &job.options, &mut kept, &mut run)?;
         Transfer::write(&args.output, &source, &job.scene, &job.options, &kept)?;
         Ok((rays, kept.rows.size_in_bytes(), kept.rows.patches()))

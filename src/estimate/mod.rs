@@ -5,7 +5,8 @@
 //! variance of one. **Discretisation**: patches have one radiosity each, and light between them is interpolated. The
 //! same system is solved again on patches of twice the size, made by averaging its own rows, so that both solutions
 //! have nearly the same noise; what they differ by at the vertices tells what the patches of the bake cost
-//! (`coarse.rs`).
+//! (`coarse.rs`). Where points gather in doubt, others are held against gathers instead: what those tell more is what
+//! interpolation costs.
 //!
 //! Both are taken at some of the vertices and then told of all by local means (`local.rs`).
 

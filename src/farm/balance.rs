@@ -90,6 +90,6 @@ mod tests {
     #[test]
     fn work_that_costs_nothing_is_divided_too() {
         assert_eq!(divide(&[0.0; 4], 2).iter().map(Range::len).sum::<usize>(), 4);
-        assert_eq!(divide(&[], 3), [0..0]);
+        assert!(divide(&[], 3).iter().all(Range::is_empty));
     }
 }

@@ -29,7 +29,7 @@ impl Plan {
     /// [`Error::Shards`] naming those that are missing or cannot be used; [`Error::Input`] if the plan is damaged.
     pub fn merge(&self) -> Result<Kept> {
         let patches = self.patches();
-        let outline = self.outline(patches)?;
+        let outline = self.outline()?;
         let read: Vec<_> = (0..self.shards().len()).into_par_iter().map(|k| self.shard(k, &outline)).collect();
         let mut rows: Rows = rows::read_all(&self.file, ROWS, patches)?;
         let mut again = Rows::new(patches);

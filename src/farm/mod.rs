@@ -11,14 +11,13 @@
 //! |-|-|
 //! | `plan.lxt` | the scene, the patches, the settings, the shards |
 //! | `shard-K.lxt` | the rows of shard K, whole or not there |
-//! | `shard-K.journal` | rows of shard K while it is cast |
+//! | `shard-K.checkpoint` | rows of shard K while it is cast |
 //! | `.shard-K.lock` | who casts it |
 //! | `array.sbatch`, `merge.sbatch`, `logs/` | jobs of Slurm, and what they say ([`submit`]) |
 //!
-//! The first three are made up of [containers](crate::lxt).
+//! The first two are [containers](crate::lxt::Container), the third is a [checkpoint](crate::lxt::Checkpoint).
 
 mod balance;
-mod journal;
 mod merge;
 mod plan;
 mod shard;
@@ -28,5 +27,5 @@ pub mod submit;
 
 pub use balance::Division;
 pub use plan::{Part, Plan};
-pub use shard::{Cast, Settings};
+pub use shard::Cast;
 pub use status::{ShardState, ShardStatus};

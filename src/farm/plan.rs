@@ -8,7 +8,7 @@ use std::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Division, Settings,
+    Division,
     balance::{self, MOST_SHARDS},
 };
 use crate::{
@@ -16,7 +16,7 @@ use crate::{
     bake::{self, Kept, Outline, ROWS_A_BLOCK, Run},
     estimate,
     lxt::{
-        BuildId, Container, Identity, Name,
+        Container, Identity, Name,
         rows::{self, ROWS},
         simplified, source, write_file,
     },
@@ -39,7 +39,7 @@ const FILE: &str = "plan.lxt";
 pub struct Plan {
     folder: PathBuf,
     pub(super) file: Container,
-    pub(super) identity: Identity,
+    identity: Identity,
     options: BakeOptions,
     shards: Vec<Part>,
 }
@@ -113,15 +113,16 @@ impl Plan {
         let path = folder.join(FILE);
         let file = Container::open(&path, PLAN)?;
         let identity: Identity = file.json(IDENTITY, 0)?;
+        identity.check_build(&path)?;
         let options: BakeOptions = file.value(OPTIONS, 0)?;
-        if let Some(difference) = identity.build.difference(&BuildId::of(options.backend)?) {
-            let message = format!(
-                "another build made it, and the bits would differ ({difference}): use one build on machines of one kind, or \
-                 make a plan with this one"
-            );
-            return Err(Error::input(path, "", message));
+        let shards: Vec<Part> = file.json(SHARDS, 0)?;
+        let mut end = 0;
+        for Part { patches, .. } in &shards {
+            if patches.start != end || patches.end < end {
+                return Err(file.wrong(SHARDS, 0, "leaves patches out, or names some twice"));
+            }
+            end = patches.end;
         }
-        let shards = file.json(SHARDS, 0)?;
         Ok(Plan { folder: folder.into(), file, identity, options, shards })
     }
 
@@ -140,14 +141,19 @@ impl Plan {
         &self.shards
     }
 
-    /// What shards of this plan have in common.
-    pub fn settings(&self) -> Settings {
-        Settings {
-            plan: self.file.id(),
-            build: self.identity.build.clone(),
-            surfaces: self.identity.surfaces.clone(),
-            options: self.options.clone(),
-        }
+    /// What tells this plan from any other.
+    pub(super) fn id(&self) -> String {
+        self.file.id()
+    }
+
+    /// The build and the surfaces.
+    pub(super) fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// Number of patches.
+    pub(super) fn patches(&self) -> usize {
+        self.shards.last().map_or(0, |part| part.patches.end as usize)
     }
 
     /// The scene as it was read.
@@ -160,35 +166,31 @@ impl Plan {
 
     /// The patches, in no colours.
     pub(super) fn simplified(&self) -> Result<Simplified> {
-        simplified::read_alone(&self.file)
+        let simplified = simplified::read_alone(&self.file)?;
+        if simplified.patches.len() == self.patches() {
+            Ok(simplified)
+        } else {
+            Err(self.file.wrong(SHARDS, 0, "is not of these patches"))
+        }
     }
 
     /// How rows are cast.
-    pub(super) fn outline(&self, patches: usize) -> Result<Outline> {
+    pub(super) fn outline(&self) -> Result<Outline> {
         let outline: Outline = self.file.value(OUTLINE, 0)?;
-        let fits = |list: &Vec<bool>| list.is_empty() || list.len() == patches;
-        if ![&outline.outer, &outline.few, &outline.spared].into_iter().all(fits) {
-            return Err(self.file.wrong(OUTLINE, 0, "is not of these patches"));
+        let fits = |list: &Vec<bool>| list.is_empty() || list.len() == self.patches();
+        if [&outline.outer, &outline.few, &outline.spared].into_iter().all(fits) {
+            Ok(outline)
+        } else {
+            Err(self.file.wrong(OUTLINE, 0, "is not of these patches"))
         }
-        let mut end = 0;
-        for part in &self.shards {
-            if part.patches.start != end || part.patches.end < end {
-                return Err(self.file.wrong(SHARDS, 0, "leaves patches out, or names some twice"));
-            }
-            end = part.patches.end;
-        }
-        if end as usize != patches {
-            return Err(self.file.wrong(SHARDS, 0, "is not of these patches"));
-        }
-        Ok(outline)
     }
 
     /// The rows that shard `k` casts, and those of other rays.
-    pub(super) fn rows_of(&self, k: usize, outline: &Outline, patches: usize) -> (Vec<u32>, Vec<u32>) {
+    pub(super) fn rows_of(&self, k: usize, outline: &Outline) -> (Vec<u32>, Vec<u32>) {
         let range = self.shards[k].patches.clone();
         let is_spared = |i: &u32| outline.spared.get(*i as usize).is_some_and(|&spared| spared);
         let rows = range.clone().filter(|i| !is_spared(i)).collect();
-        let again = if self.options.estimate { estimate::again(patches, self.options.seed) } else { Vec::new() };
+        let again = if self.options.estimate { estimate::again(self.patches(), self.options.seed) } else { Vec::new() };
         (rows, again.into_iter().filter(|i| range.contains(i)).collect())
     }
 }

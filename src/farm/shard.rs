@@ -1,69 +1,33 @@
 //! One shard: casting it, and reading what was cast.
 
-use std::{fs, io, path::PathBuf, thread, time::Duration};
+use std::{collections::BTreeMap, fs, io, path::PathBuf, thread, time::Duration};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Plan, journal::Journal};
+use super::Plan;
 use crate::{
-    BakeOptions, Error, Result,
+    Error, Result,
     bake::{Outline, ROWS_A_BLOCK},
     lock::Lock,
     lxt::{
-        BuildId, Container, Name,
+        Checkpoint, Container, Identity, Name,
         rows::{self, AGAIN, ROWS},
         write_file,
     },
     progress::Progress,
     trace,
-    transfer::{self, Casting, Rows},
+    transfer::{self, Block, Casting, RowKeeper, Rows},
 };
 
+/// How often rows are written down while they are cast.
+const EVERY: Duration = Duration::from_millis(500);
 const SHARD: Name = Name::new("shard");
+const IDENTITY: Name = Name::new("identity");
 const SETTINGS: Name = Name::new("settings");
-const NUMBER: Name = Name::new("number");
 
 /// Who asks whether a shard is being cast holds its lock for a moment; who wants to cast it tries again so often.
 const TRIES: u32 = 3;
 const PAUSE: Duration = Duration::from_millis(30);
-
-/// What the shards of a plan have in common.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Settings {
-    /// The plan, by its content.
-    pub plan: String,
-    /// The build.
-    pub build: BuildId,
-    /// The surfaces, by their hash.
-    pub surfaces: String,
-    /// The settings.
-    pub options: BakeOptions,
-}
-
-impl Settings {
-    /// Names what differs, e.g. `rays 256 there, 64 here`; `None` if nothing does.
-    pub fn difference(&self, here: &Settings) -> Option<String> {
-        if let Some(difference) = self.build.difference(&here.build) {
-            return Some(format!("it was made by another build: {difference}"));
-        }
-        if self.surfaces != here.surfaces {
-            return Some("it is of another scene".into());
-        }
-        let fields = |settings: &Settings| match serde_json::to_value(&settings.options) {
-            Ok(serde_json::Value::Object(fields)) => fields,
-            _ => serde_json::Map::new(),
-        };
-        let (there, here_fields) = (fields(self), fields(here));
-        let differences: Vec<String> = (here_fields.iter())
-            .filter_map(|(name, here)| there.get(name).filter(|t| *t != here).map(|t| (name, t, here)))
-            .map(|(name, there, here)| format!("{} {there} there, {here} here", name.replace('_', " ")))
-            .collect();
-        if !differences.is_empty() {
-            return Some(format!("it was made with other settings: {}", differences.join("; ")));
-        }
-        (self.plan != here.plan).then(|| "it is of another plan of this scene".into())
-    }
-}
 
 /// What came of the order to cast a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,6 +45,17 @@ pub enum Cast {
     Beyond,
 }
 
+/// What a shard is of, besides the build and the surfaces.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Settings {
+    /// The plan, by its content.
+    plan: String,
+    /// The number of the shard.
+    shard: usize,
+    /// Settings by their names, as JSON.
+    options: BTreeMap<String, String>,
+}
+
 /// The rows of a shard.
 pub(super) struct Shard {
     pub rows: Rows,
@@ -88,7 +63,8 @@ pub(super) struct Shard {
 }
 
 impl Plan {
-    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used.
+    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used. Of the scene
+    /// nothing is built but the patches and the surfaces that rays meet.
     ///
     /// # Errors
     /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if `progress` asks to stop, [`Error::Io`];
@@ -97,8 +73,7 @@ impl Plan {
         if k >= self.shards().len() {
             return Ok(Cast::Beyond);
         }
-        let patches = self.patches();
-        let outline = self.outline(patches)?;
+        let outline = self.outline()?;
         if self.shard(k, &outline).is_ok() {
             return Ok(Cast::Before);
         }
@@ -119,34 +94,29 @@ impl Plan {
             again: 0,
             marked: true,
         };
-        let (own, other) = self.rows_of(k, &outline, patches);
-        let settings = self.settings();
-        let (mut journal, mut rows, mut again) = Journal::open(self.journal_path(k), &settings, patches)?;
-        let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
-        let mut rays = 0;
-        let mut both = || {
-            rays += transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
-            journal.flush()?;
-            journal.kind = AGAIN;
-            let casting = Casting { again: 1, marked: false, ..casting };
-            rays += transfer::cast(&casting, &other, &[], &mut again, &mut journal, progress)?;
-            Ok(())
-        };
-        if let Err(error) = both() {
-            // What was cast is kept, whatever the reason.
-            journal.flush()?;
-            return Err(error);
+        let (own, other) = self.rows_of(k, &outline);
+        let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
+        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, EVERY)?;
+        let mut journal = Journal { checkpoint, again: false };
+        if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
+            // It is of something else; nobody asked for it to be used.
+            journal.checkpoint.discard()?;
         }
-        let of = |list: &[u32], i: u32| list.binary_search(&i).is_ok();
-        let rows = rows.in_order(ROWS_A_BLOCK, |i| of(&own, i));
-        let again = again.in_order(ROWS_A_BLOCK, |i| of(&other, i));
+        let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
+        let mut rays = transfer::cast_few(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
+        journal.again = true;
+        let casting = Casting { again: 1, marked: false, ..casting };
+        rays += transfer::cast(&casting, &other, &mut again, &mut journal, progress)?;
+
+        let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
+        let again = again.in_order(ROWS_A_BLOCK, |_| true);
         write_file(&self.shard_path(k), SHARD, |out| {
-            out.json(SETTINGS, 0, &settings)?;
-            out.json(NUMBER, 0, &k)?;
+            out.json(IDENTITY, 0, self.identity())?;
+            out.json(SETTINGS, 0, &self.settings(k))?;
             rows::write_all(out, ROWS, &rows)?;
             rows::write_all(out, AGAIN, &again)
         })?;
-        journal.remove();
+        journal.checkpoint.remove()?;
         Ok(Cast::Now { rays, resumed })
     }
 
@@ -154,25 +124,35 @@ impl Plan {
     pub(super) fn shard(&self, k: usize, outline: &Outline) -> Result<Shard> {
         let (path, patches) = (self.shard_path(k), self.patches());
         let file = Container::open(&path, SHARD)?;
-        if let Some(difference) = file.json::<Settings>(SETTINGS, 0)?.difference(&self.settings()) {
-            return Err(Error::input(path, "", difference));
+        let wrong = |what: String| Error::input(&path, "", what);
+        let identity: Identity = file.json(IDENTITY, 0)?;
+        if let Some(difference) = identity.build.difference(&self.identity().build) {
+            return Err(wrong(format!("was made by another build: {difference}")));
         }
-        let number: usize = file.json(NUMBER, 0)?;
-        if number != k {
-            return Err(Error::input(path, "", format!("it is shard {number}")));
+        if identity.surfaces != self.identity().surfaces {
+            return Err(wrong("is of another scene".into()));
+        }
+        let settings: Settings = file.json(SETTINGS, 0)?;
+        if let Some(difference) = settings.difference(&self.settings(k)) {
+            return Err(wrong(difference));
         }
         file.verify()?;
         let shard =
             Shard { rows: rows::read_all(&file, ROWS, patches)?, again: rows::read_all(&file, AGAIN, patches)? };
-        let (own, other) = self.rows_of(k, outline, patches);
+        let (own, other) = self.rows_of(k, outline);
         let rays = self.options().rays;
         let few = |i: u32| outline.few.get(i as usize).is_some_and(|&few| few);
         let is_there = |i: &u32| shard.rows.with_rays(*i, transfer::row_length(rays, few(*i)) as usize).is_some();
-        if own.iter().all(is_there) && other.iter().all(|&i| shard.again.with_rays(i, rays as usize).is_some()) {
-            Ok(shard)
-        } else {
-            Err(Error::input(path, "", "rows are missing"))
-        }
+        let all = own.iter().all(is_there) && other.iter().all(|&i| shard.again.with_rays(i, rays as usize).is_some());
+        if all { Ok(shard) } else { Err(wrong("lacks rows".into())) }
+    }
+
+    fn settings(&self, shard: usize) -> Settings {
+        let options: BTreeMap<String, String> = match serde_json::to_value(self.options()) {
+            Ok(serde_json::Value::Object(all)) => all.iter().map(|(name, v)| (name.clone(), v.to_string())).collect(),
+            _ => BTreeMap::new(),
+        };
+        Settings { plan: self.id(), shard, options }
     }
 
     fn lock(&self, k: usize) -> Result<Lock> {
@@ -186,18 +166,13 @@ impl Plan {
         take()
     }
 
-    /// Number of patches.
-    pub(super) fn patches(&self) -> usize {
-        self.shards().last().map_or(0, |part| part.patches.end as usize)
-    }
-
     /// The file of shard `k`.
     pub fn shard_path(&self, k: usize) -> PathBuf {
         self.folder().join(format!("shard-{k}.lxt"))
     }
 
-    pub(super) fn journal_path(&self, k: usize) -> PathBuf {
-        self.folder().join(format!("shard-{k}.journal"))
+    pub(super) fn checkpoint_path(&self, k: usize) -> PathBuf {
+        self.folder().join(format!("shard-{k}.checkpoint"))
     }
 
     pub(super) fn lock_path(&self, k: usize) -> PathBuf {
@@ -207,5 +182,37 @@ impl Plan {
     /// Whether there is a file of shard `k`, sound or not.
     pub(super) fn is_there(&self, k: usize) -> bool {
         !matches!(fs::metadata(self.shard_path(k)), Err(e) if e.kind() == io::ErrorKind::NotFound)
+    }
+}
+
+impl Settings {
+    /// Names what differs, e.g. `rays 256 there, 64 here`; `None` if nothing does.
+    fn difference(&self, here: &Settings) -> Option<String> {
+        let differs = |(name, here): (&String, &String)| {
+            let there = self.options.get(name).filter(|there| *there != here)?;
+            Some(format!("{} {there} there, {here} here", name.replace('_', " ")))
+        };
+        let differences: Vec<String> = here.options.iter().filter_map(differs).collect();
+        if !differences.is_empty() {
+            return Some(format!("was made with other settings: {}", differences.join("; ")));
+        }
+        if self.plan != here.plan {
+            return Some("is of another plan of this scene".into());
+        }
+        (self.shard != here.shard).then(|| format!("is shard {}", self.shard))
+    }
+}
+
+/// Writes down what is cast.
+struct Journal {
+    checkpoint: Checkpoint,
+    /// Whether rows of other rays come.
+    again: bool,
+}
+
+impl RowKeeper for Journal {
+    fn keep(&mut self, block: Block) -> Result<Block> {
+        self.checkpoint.add(&block, self.again)?;
+        Ok(block)
     }
 }

@@ -5,8 +5,8 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Part, Plan, journal::Journal};
-use crate::{Result, lock::Lock};
+use super::{Part, Plan};
+use crate::{Result, lock::Lock, lxt::Checkpoint};
 
 /// What has become of a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -58,9 +58,9 @@ impl Plan {
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if the plan is damaged.
     pub fn status(&self) -> Result<Vec<ShardStatus>> {
-        let outline = self.outline(self.patches())?;
+        let outline = self.outline()?;
         let of = |(k, part): (usize, &Part)| {
-            let rows = self.rows_of(k, &outline, self.patches()).0.len();
+            let rows = self.rows_of(k, &outline).0.len();
             let mut status = ShardStatus {
                 shard: k,
                 state: ShardState::Open,
@@ -78,7 +78,7 @@ impl Plan {
                 Some(Err(e)) => (status.state, status.problem) = (ShardState::Broken, Some(e.to_string())),
                 None => {}
             }
-            status.rows_done = Journal::rows_in(&self.journal_path(k)).unwrap_or(0).min(rows as u64) as usize;
+            status.rows_done = Checkpoint::rows_in(&self.checkpoint_path(k)).unwrap_or(0).min(rows);
             status.holder = Lock::holder(&self.lock_path(k));
             if status.holder.is_some() {
                 status.state = ShardState::Running;

@@ -2,6 +2,7 @@
 
 mod build_id;
 mod cache;
+mod checkpoint;
 mod container;
 mod identity;
 mod layout;
@@ -16,6 +17,7 @@ mod write;
 
 pub use build_id::BuildId;
 pub use cache::Cache;
+pub use checkpoint::Checkpoint;
 pub use container::Container;
 pub use identity::Identity;
 pub use layout::{FORMAT, Name};

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 
 use bytemuck::{Pod, Zeroable};
+use bytes::Bytes;
 use rayon::prelude::*;
 
 use super::{Container, Name, Writer};
@@ -27,6 +28,15 @@ struct Head {
     again: u32,
 }
 
+/// Length of the head of a block.
+pub(super) const HEAD: usize = size_of::<Head>();
+
+/// Rows that count in a block that begins so.
+pub(super) fn count(head: &[u8]) -> usize {
+    let head: Option<Head> = head.get(..HEAD).map(bytemuck::pod_read_unaligned);
+    head.filter(|head| head.again == 0).map_or(0, |head| head.rows as usize)
+}
+
 /// A row without its entries.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -40,20 +50,53 @@ struct Record {
     view: u32,
 }
 
-/// Writes rows as block `number` of `kind`.
+/// What comes before the entries and marks of a block.
 ///
 /// # Errors
-/// Those of the output.
-pub fn write<W: Write>(out: &mut Writer<W>, kind: Name, number: u64, block: &Block) -> io::Result<()> {
+/// The block is too long for the format.
+pub(super) fn head(block: &Block, again: bool) -> io::Result<Vec<u8>> {
     let length = |n: usize| u32::try_from(n).map_err(|_| io::Error::other("a block of rows is too long"));
     let (rows, bytes, marks) = (length(block.rows.len())?, length(block.bytes.len())?, length(block.marks.len())?);
     let record = |row: &Row| {
         let Row { patch, valid, escaped, hidden, end, marks_end, view } = *row;
         Record { patch, valid, escaped, hidden, end, marks_end, view: view as u32 }
     };
-    let records: Vec<Record> = block.rows.iter().map(record).collect();
-    let head = Head { rows, bytes, marks, again: (kind == AGAIN) as u32 };
-    out.block(kind, number, &[bytemuck::bytes_of(&head), bytemuck::cast_slice(&records), &block.bytes, &block.marks])
+    let mut out = bytemuck::bytes_of(&Head { rows, bytes, marks, again: again as u32 }).to_vec();
+    block.rows.iter().for_each(|row| out.extend(bytemuck::bytes_of(&record(row))));
+    Ok(out)
+}
+
+/// The block that `payload` holds, of a scene with so many patches. Entries and marks are not copied.
+///
+/// # Errors
+/// What is wrong.
+pub(super) fn decode(payload: &Bytes, again: bool, patches: usize) -> std::result::Result<Block, String> {
+    let (head, rest) = payload.split_at_checked(size_of::<Head>()).ok_or("is too short")?;
+    let head: Head = bytemuck::pod_read_unaligned(head);
+    let lengths = [head.rows as u64 * size_of::<Record>() as u64, head.bytes as u64, head.marks as u64];
+    if lengths.iter().sum::<u64>() != rest.len() as u64 || head.again != again as u32 {
+        return Err("has another length or other rays than it should".into());
+    }
+    let [records, bytes, _] = lengths.map(|n| n as usize);
+    let row = |record: &[u8]| {
+        let Record { patch, valid, escaped, hidden, end, marks_end, view } = bytemuck::pod_read_unaligned(record);
+        let view = [View::Hidden, View::Within, View::Outside].into_iter().find(|v| *v as u32 == view)?;
+        Some(Row { patch, valid, escaped, hidden, end, marks_end, view })
+    };
+    let rows: Option<Vec<Row>> = rest[..records].chunks_exact(size_of::<Record>()).map(row).collect();
+    let rows = rows.ok_or("holds a row of no known kind")?;
+    let begin = size_of::<Head>() + records;
+    let block = Block { rows, bytes: payload.slice(begin..begin + bytes), marks: payload.slice(begin + bytes..) };
+    block.check(patches)?;
+    Ok(block)
+}
+
+/// Writes rows as block `number` of `kind`.
+///
+/// # Errors
+/// Those of the output.
+pub fn write<W: Write>(out: &mut Writer<W>, kind: Name, number: u64, block: &Block) -> io::Result<()> {
+    out.block(kind, number, &[&head(block, kind == AGAIN)?, &block.bytes, &block.marks])
 }
 
 /// Writes all blocks of `rows`, numbered from 0.
@@ -70,25 +113,7 @@ pub fn write_all<W: Write>(out: &mut Writer<W>, kind: Name, rows: &Rows) -> io::
 /// Those of [`Container::block`]; [`Error::Input`](crate::Error::Input) if the rows are wrong.
 pub fn read(file: &Container, kind: Name, number: u64, patches: usize) -> Result<Block> {
     let payload = file.block(kind, number)?;
-    let wrong = |what: &str| file.wrong(kind, number, what);
-    let (head, rest) = payload.split_at_checked(size_of::<Head>()).ok_or_else(|| wrong("is too short"))?;
-    let head: Head = bytemuck::pod_read_unaligned(head);
-    let lengths = [head.rows as u64 * size_of::<Record>() as u64, head.bytes as u64, head.marks as u64];
-    if lengths.iter().sum::<u64>() != rest.len() as u64 || head.again != (kind == AGAIN) as u32 {
-        return Err(wrong("has another length or other rays than it should"));
-    }
-    let [records, bytes, _] = lengths.map(|n| n as usize);
-    let row = |record: &[u8]| {
-        let Record { patch, valid, escaped, hidden, end, marks_end, view } = bytemuck::pod_read_unaligned(record);
-        let view = [View::Hidden, View::Within, View::Outside].into_iter().find(|v| *v as u32 == view)?;
-        Some(Row { patch, valid, escaped, hidden, end, marks_end, view })
-    };
-    let rows: Option<Vec<Row>> = rest[..records].chunks_exact(size_of::<Record>()).map(row).collect();
-    let rows = rows.ok_or_else(|| wrong("holds a row of no known kind"))?;
-    let begin = size_of::<Head>() + records;
-    let block = Block { rows, bytes: payload.slice(begin..begin + bytes), marks: payload.slice(begin + bytes..) };
-    block.check(patches).map_err(|e| wrong(&e))?;
-    Ok(block)
+    decode(&payload, kind == AGAIN, patches).map_err(|what| file.wrong(kind, number, &what))
 }
 
 /// Reads all blocks of `kind`.

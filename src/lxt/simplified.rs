@@ -31,7 +31,7 @@ pub fn write<W: Write>(out: &mut Writer<W>, simplified: &Simplified, options: &B
     out.value(PATCHES, 0, &simplified.patches)
 }
 
-/// As [`write`], for who has not got the scene: for [`read_alone`].
+/// As [`write()`], for who has not got the scene: for [`read_alone`].
 ///
 /// # Errors
 /// Those of the output.
@@ -50,7 +50,7 @@ pub fn read_alone(file: &Container) -> Result<Simplified> {
     of_parts(file, file.value(GRID, 0)?, file.value(GEOMETRY, 0)?)
 }
 
-/// Reads what [`write`] wrote of a scene with this geometry and these options; the patches have no colours yet.
+/// Reads what [`write()`] wrote of a scene with this geometry and these options; the patches have no colours yet.
 ///
 /// # Errors
 /// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if what is read does not fit together, or not the

@@ -110,6 +110,13 @@ impl RayBatch {
         }
     }
 
+    /// Copies the rays in `from` to `to` and after.
+    pub fn copy_within(&mut self, from: std::ops::Range<usize>, to: usize) {
+        for v in self.arrays_mut() {
+            v.copy_within(from.clone(), to);
+        }
+    }
+
     /// Appends one ray.
     pub fn push(&mut self, origin: Vec3, direction: Vec3, t_min: f32, t_max: f32) {
         self.origin_x.push(origin.x);

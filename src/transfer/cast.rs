@@ -43,12 +43,25 @@ pub struct Casting<'a> {
     pub marked: bool,
 }
 
-/// Casts those rows of `patches` that `rows` does not have; those that are `few` have fewer rays (empty: none are). How
-/// many rays that took.
+/// Casts those rows of `patches` that `rows` does not have; how many rays that took.
 ///
 /// # Errors
 /// Those of `keeper`, and [`Error::Interrupted`](crate::Error::Interrupted); what was cast until then is in `rows`.
 pub fn cast(
+    casting: &Casting,
+    patches: &[u32],
+    rows: &mut Rows,
+    keeper: &mut dyn RowKeeper,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    cast_few(casting, patches, &[], rows, keeper, progress)
+}
+
+/// As [`cast`]; rows of patches that are `few` have fewer rays (empty: none have).
+///
+/// # Errors
+/// As of [`cast`].
+pub fn cast_few(
     casting: &Casting,
     patches: &[u32],
     few: &[bool],

@@ -193,7 +193,7 @@ pub fn first_wave(
     progress: &dyn Progress,
 ) -> Result<Vec<bool>> {
     let wave: Vec<u32> = (0..plan.start.len() as u32).filter(|&i| plan.start[i as usize]).collect();
-    cast(casting, &wave, &[], rows, keeper, progress)?;
+    cast(casting, &wave, rows, keeper, progress)?;
     Ok(little_seen(rows, &wave, plan.start, casting.rays))
 }
 

@@ -10,7 +10,7 @@ mod rows;
 mod spill;
 mod tally;
 
-pub use cast::{Casting, cast, receive, row_length, row_rays, seconds_a_ray};
+pub use cast::{Casting, cast, cast_few, receive, row_length, row_rays, seconds_a_ray};
 pub use emit::{Emitter, patch_points};
 pub use estimate::{Estimate, Plan, estimate, estimate_plan, first_wave};
 pub use matrix::FormFactors;

@@ -412,6 +412,11 @@ pub trait RowKeeper {
         Ok(())
     }
 
+    /// Whether rows leave the memory: then it need not hold all of them.
+    fn spills(&self) -> bool {
+        false
+    }
+
     /// Writes the block down, moves its bytes elsewhere, or does nothing.
     ///
     /// # Errors
