@@ -162,19 +162,21 @@ fn a_bake_by_slurm_whose_tasks_are_killed_and_requeued_in_mid_run_has_the_bytes_
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name);
     let scene = scene("cornell.toml");
-    let settings = ["--grid", "24", "--rays", "8192", "--point-samples", "8"];
+    let settings = ["--grid", "24", "--rays", "16384", "--point-samples", "8"];
     run(Command::new(LUXEL).arg("bake").arg(&scene).arg("-o").arg(path("bake")).args(settings));
     let folder = path("PLAN");
-    plan(&scene, &folder, 3, &settings);
+    // A second each: four times what it takes until the first rows are written down.
+    plan(&scene, &folder, 2, &settings);
 
     let merged = path("merged");
     let options = ["-o", merged.to_str().unwrap(), "--slurm", "--cpus-per-task=1"];
     let (arrays, merge) = submit(&cluster, &folder, Path::new(LUXEL), &options);
-    let works = |shard: u32| fs::metadata(folder.join(format!("shard-{shard}.journal"))).is_ok_and(|m| m.len() > 0);
+    let is_there = |name: String| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() > 0);
+    let works = |shard: u32| is_there(format!("shard-{shard}.journal")) || is_there(format!("shard-{shard}.lxt"));
     // One is killed, one is interrupted by Slurm.
-    until("work on shard 0", || works(0));
+    until("the work on shard 0", || works(0));
     run(Command::new("kill").arg("-KILL").arg(process(&folder, 0).expect("shard 0 ended too early to be killed")));
-    until("work on shard 1", || works(1));
+    until("the work on shard 1", || works(1));
     cluster.run("scontrol", &["requeue", &format!("{}_1", arrays[0])]);
     until("the merge's end", || cluster.states(&merge) == ["COMPLETED"]);
 
