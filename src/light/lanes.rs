@@ -1,6 +1,7 @@
 //! What lamps give to many samples at once, compiled for several processors; the widest that this one has is taken.
 //!
 //! Rust never contracts to fused multiply-add, so that all give the same bits.
+#![allow(clippy::needless_range_loop)] // Loops over lanes step through several arrays at once.
 
 use std::ops::Range;
 
@@ -349,7 +350,7 @@ fn angle(sin: f32, cos: f32) -> f32 {
     let (over, under) = if late { (low - high, low + high) } else { (low, high) };
     let t = over / if under > f32::MIN_POSITIVE { under } else { f32::MIN_POSITIVE };
     let z = t * t;
-    let p = ((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_294_9e-1;
+    let p = ((8.053_744_5e-2 * z - 1.387_768_6e-1) * z + 1.997_771_1e-1) * z - 3.333_295e-1;
     let small = p * z * t + t + if late { FRAC_PI_4 } else { 0.0 };
     let acute = if sin > cos.abs() { FRAC_PI_2 - small } else { small };
     if cos < 0.0 { PI - acute } else { acute }

@@ -17,6 +17,9 @@ pub struct Factors {
     factors: Vec<f32>,
 }
 
+/// Patches and factors of some points, and where those of each point end.
+type Chunk = (Vec<(u32, f32)>, Vec<usize>);
+
 /// Points of a unit of parallel work when values are carried.
 const RUN: usize = 1024;
 
@@ -24,7 +27,7 @@ impl Factors {
     /// Of `points`, by the paper's nearest four or else by least squares over the patches that a point sees. Values of
     /// the field are not looked at.
     pub fn new(field: &Field, method: Reconstruct, points: &[SurfacePoint]) -> Factors {
-        let chunks: Vec<(Vec<(u32, f32)>, Vec<usize>)> = points
+        let chunks: Vec<Chunk> = points
             .par_chunks(CHUNK)
             .map(|chunk| {
                 if method != Reconstruct::Nearest4 {

@@ -102,9 +102,9 @@ impl Transport {
         }
     }
 
-    fn rows<C: Copy + Sync>(&self, columns: &[C], x: impl Fn(C) -> Vec4 + Sync, first: usize, out: &mut [Vec4])
+    fn rows<C>(&self, columns: &[C], x: impl Fn(C) -> Vec4 + Sync, first: usize, out: &mut [Vec4])
     where
-        C: TryFrom<u32>,
+        C: Copy + Sync + TryFrom<u32>,
     {
         out.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
             for (k, out) in out.iter_mut().enumerate() {

@@ -8,7 +8,7 @@ use crate::sampling;
 ///
 /// A patch takes one set, turns its directions by a random azimuth and flips random bits of its origins. Both keep
 /// the strata and leave every single ray uniformly distributed; they cost a few instructions a ray, where fresh
-/// scrambled points cost 26 ns. A set begins with the [`LEADING`] first points of the sequence, which are as evenly
+/// scrambled points cost 26 ns. A set begins with the 64 first points of the sequence, which are as evenly
 /// spread as the whole. These and the others are in Morton order of their direction cells, so that neighbouring rays
 /// fly alike and packets stay together.
 #[derive(Clone)]
