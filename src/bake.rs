@@ -16,13 +16,17 @@ mod exchange;
 mod finished;
 mod measure;
 mod needs;
+mod outline;
 mod outlook;
 mod prepared;
+mod relit;
 mod skipped;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
+pub use outline::{Outline, outline};
 pub use prepared::Kept;
+pub(crate) use prepared::ROWS_A_BLOCK;
 
 use exchange::Exchange;
 use measure::{Clock, Work};

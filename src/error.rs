@@ -48,9 +48,20 @@ pub enum Error {
     /// named; it has no result.
     #[error("interrupted in stage \"{0}\"")]
     Interrupted(String),
+    /// Shards of a plan are missing, cut off, damaged or foreign: run the commands that the message names.
+    #[error("{}: {flaws}", path.display())]
+    Shards {
+        /// The folder of the plan.
+        path: PathBuf,
+        /// The shards, what is wrong with each, and what mends it.
+        flaws: String,
+    },
     /// A ray-tracing or image backend is absent or failed: choose another one.
     #[error("{0}")]
     Backend(String),
+    /// The scheduler of a farm is absent or refuses: its own words say what to change.
+    #[error("{0}")]
+    Scheduler(String),
 }
 
 /// What helps against a failure of the system, where that is not plain.

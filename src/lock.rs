@@ -66,6 +66,17 @@ impl Lock {
     }
 }
 
+impl Lock {
+    /// Who holds the lock file `path`, if anybody does. Asking holds the lock for a moment.
+    pub fn holder(path: &Path) -> Option<String> {
+        let mut file = File::open(path).ok()?;
+        match FileExt::try_lock_shared(&file) {
+            Err(TryLockError::WouldBlock) => Some(holder(&mut file)),
+            _ => None,
+        }
+    }
+}
+
 impl Drop for Lock {
     fn drop(&mut self) {
         // Before the lock goes, so that nobody else's file is removed.

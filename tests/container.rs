@@ -90,7 +90,7 @@ fn a_file_that_is_cut_off_anywhere_is_refused() {
     let bytes = written(&example());
     for length in 0..bytes.len() {
         let message = read(&bytes[..length]).unwrap_err().to_string();
-        let expected = if length < 64 { "is no test file of luxel" } else { "is cut off or damaged at its end" };
+        let expected = if length < 64 { "is no file of luxel's own" } else { "is cut off or damaged at its end" };
         assert!(message.contains(expected), "{length}: {message}");
     }
 }
@@ -108,8 +108,8 @@ fn what_is_wrong_is_named_with_a_remedy() {
         ("some.lxt: block rows 7: its 130 bytes are not what was written: copy it again, or make it anew", &|b| {
             b[64 + 256 + 64 + 129] ^= 1
         }),
-        ("is no test file of luxel", &|b| *b = b"#!/bin/sh\n".repeat(50)),
-        ("is no test file of luxel", &|b| b.clear()),
+        ("is no file of luxel's own", &|b| *b = b"#!/bin/sh\n".repeat(50)),
+        ("is no file of luxel's own", &|b| b.clear()),
         ("has format 2, but this luxel reads format 1: use the luxel that wrote it, or make it anew", &|b| b[8] = 2),
         ("table of blocks: is damaged", &|b| {
             let n = b.len();

@@ -61,13 +61,14 @@ fn options(text: &str) -> BTreeSet<&str> {
     candidates.filter(|w| w[2..].starts_with(|c: char| c.is_ascii_lowercase())).collect()
 }
 
-fn help(arguments: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_luxel")).args(arguments).arg("--help").output().unwrap();
+fn help(command: &str) -> String {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_luxel")).args(command.split_whitespace()).arg("--help").output().unwrap();
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Options of cargo and its kin that the documents speak of.
-const FOREIGN: [&str; 12] = [
+/// Options of cargo, schedulers and their kin that the documents speak of.
+const FOREIGN: [&str; 24] = [
     "--all-targets",
     "--bench",
     "--example",
@@ -80,14 +81,40 @@ const FOREIGN: [&str; 12] = [
     "--release",
     "--check",
     "--test",
+    "--array",
+    "--cpus-per-task",
+    "--init",
+    "--joblog",
+    "--jobs",
+    "--mem",
+    "--partition",
+    "--requeue",
+    "--retries",
+    "--rm",
+    "--sshlogin",
+    "--termseq",
 ];
 
-const COMMANDS: [&str; 9] =
-    ["bake", "prepare", "relight", "points", "check", "reference", "compare", "selftest", "bench"];
+const COMMANDS: [&str; 14] = [
+    "bake",
+    "prepare",
+    "relight",
+    "farm plan",
+    "farm shard",
+    "farm status",
+    "farm merge",
+    "farm submit",
+    "points",
+    "check",
+    "reference",
+    "compare",
+    "selftest",
+    "bench",
+];
 
 #[test]
 fn every_option_that_the_documents_name_exists() {
-    let texts = COMMANDS.map(|command| help(&[command]));
+    let texts = COMMANDS.map(|command| help(command));
     let known: BTreeSet<&str> = texts.iter().flat_map(|text| options(text)).chain(FOREIGN).collect();
     for document in documents() {
         let text = fs::read_to_string(&document).unwrap();
@@ -102,7 +129,7 @@ fn the_readme_names_every_option() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let named = options(&readme);
     for command in COMMANDS {
-        for option in options(&help(&[command])).into_iter().filter(|option| *option != "--help") {
+        for option in options(&help(command)).into_iter().filter(|option| *option != "--help") {
             assert!(named.contains(option), "README.md leaves out {option} of luxel {command}");
         }
     }
@@ -111,7 +138,7 @@ fn the_readme_names_every_option() {
 #[test]
 fn every_subcommand_and_scene_that_the_readme_uses_exists() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
-    let commands = help(&[]);
+    let commands = help("");
     let mut seen = 0;
     for line in readme.lines().filter_map(|line| line.split_once("luxel ").filter(|(before, _)| before.ends_with('/')))
     {
@@ -150,4 +177,27 @@ fn the_pipeline_names_the_stages_of_the_report() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         assert!(readme.contains(&format!("`{name}`")), "README.md leaves out {name}");
     }
+}
+
+#[test]
+fn the_shard_numbers_of_schedulers_are_those_that_the_document_derives_from_their_variables() {
+    let text = fs::read_to_string(root().join("docs/FARM.md")).unwrap();
+    let mut seen = 0;
+    // Rows `| scheduler | array | `expression` |`.
+    for line in text.lines().filter(|line| line.starts_with("| ")) {
+        let Some(expression) = line.strip_suffix("` |").and_then(|line| line.rsplit_once("| `")).map(|(_, e)| e) else {
+            continue;
+        };
+        if !expression.starts_with('$') {
+            continue;
+        }
+        let word = |c: char| c.is_ascii_uppercase() || c == '_';
+        let variable = expression.split(|c| !word(c)).find(|w| !w.is_empty()).unwrap();
+        let counts_from_one = line.contains("1-16");
+        let shell = Command::new("sh").args(["-c", &format!("echo {expression}")]).env(variable, "8").output().unwrap();
+        let number = String::from_utf8(shell.stdout).unwrap();
+        assert_eq!(number.trim(), if counts_from_one { "7" } else { "8" }, "{line}");
+        seen += 1;
+    }
+    assert!(seen >= 8, "only {seen} schedulers found");
 }

@@ -210,7 +210,7 @@ fn what_cannot_be_relit_says_why() {
             bytes[whole.len() / 2] ^= 1;
             bytes
         }),
-        ("some.lxt: is no transfer file of luxel", fs::read(&scene).unwrap()),
+        ("some.lxt: is no file of luxel's own", fs::read(&scene).unwrap()),
         ("some.lxt: has format 9, but this luxel reads format 1", {
             let mut bytes = whole.clone();
             bytes[8] = 9;

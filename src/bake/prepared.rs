@@ -31,6 +31,11 @@ pub struct Kept {
     pub marked: bool,
 }
 
+/// Successive patches whose rows make a block of what is prepared, and whose rows of other rays do: one in 16 patches
+/// or more has these.
+pub(crate) const ROWS_A_BLOCK: usize = 64;
+const AGAIN_A_BLOCK: usize = 1024;
+
 /// A scene that is ready to be lit.
 pub(super) struct Prepared<'a> {
     pub scene: Cow<'a, Scene>,
@@ -120,17 +125,23 @@ impl<'a> Prepared<'a> {
         let mut rays = match &self.needs.near {
             // What matters to the wanted meshes does not depend on lights.
             Some([_, near]) => {
-                transfer::estimate_plan(&casting, &self.needs.plan(near), &mut kept.rows, keeper, progress)?.rays
+                let plan = self.needs.plan(near);
+                let estimate = transfer::estimate_plan(&casting, &plan, &mut kept.rows, keeper, progress)?;
+                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |i| estimate.reached[i as usize]);
+                estimate.rays
             }
             None => {
                 let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
-                transfer::cast(&casting, &all, &mut kept.rows, keeper, progress)?
+                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
+                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
+                rays
             }
         };
         if options.estimate {
             let again = estimate::again(self.simplified.patches.len(), options.seed);
             let casting = Casting { again: 1, marked: false, ..casting };
-            rays += transfer::cast(&casting, &again, &mut kept.again, keeper, progress)?;
+            rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
+            kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
         }
         Ok(rays)
     }

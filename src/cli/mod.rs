@@ -15,7 +15,9 @@ mod bake;
 mod bench;
 mod check;
 mod compare;
+mod farm;
 mod keeper;
+mod orbit;
 mod parse;
 mod points;
 mod prepare;
@@ -28,8 +30,8 @@ mod signals;
 
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
-/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked, 101 a bug of
-/// luxel, 130 and 143 ended by SIGINT and SIGTERM.
+/// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked or shards
+/// are not there to be merged, 101 a bug of luxel, 130 and 143 ended by SIGINT and SIGTERM.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -45,6 +47,8 @@ enum Command {
     Prepare(prepare::Args),
     /// Bake the scene of a transfer file with other lights and albedos, without casting a form-factor ray
     Relight(relight::Args),
+    /// Share a bake out among processes and machines: plan, shard, status, merge
+    Farm(farm::Args),
     /// Tell what a scene holds and what a bake would take, without tracing a ray
     Check(check::Args),
     /// Irradiance at given points
@@ -59,7 +63,7 @@ enum Command {
     Selftest(selftest::Args),
 }
 
-/// Exit code where all was done, and a figure is worse than asked.
+/// Exit code where all was done, and a figure is worse than asked; and where shards are not there to be merged.
 const WORSE: u8 = 3;
 
 /// Exit code of a bug, as of any panic of a Rust program.
@@ -79,6 +83,7 @@ pub fn main() -> ExitCode {
         Command::Bake(args) => bake::run(args).map(|()| ExitCode::SUCCESS),
         Command::Prepare(args) => prepare::run(args).map(|()| ExitCode::SUCCESS),
         Command::Relight(args) => relight::run(args).map(|()| ExitCode::SUCCESS),
+        Command::Farm(args) => farm::run(args),
         Command::Check(args) => check::run(args).map(|()| ExitCode::SUCCESS),
         Command::Points(args) => points::run(args).map(|()| ExitCode::SUCCESS),
         Command::Reference(args) => reference::run(args).map(|()| ExitCode::SUCCESS),
@@ -94,7 +99,7 @@ pub fn main() -> ExitCode {
                 return ExitCode::from(signals::code(signal));
             }
             complain(&error.to_string());
-            ExitCode::FAILURE
+            if matches!(error, Error::Shards { .. }) { ExitCode::from(WORSE) } else { ExitCode::FAILURE }
         }
         Err(_) => {
             let words = last_words.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone();

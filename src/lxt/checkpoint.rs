@@ -6,7 +6,7 @@
 
 use std::{
     fs::{self, File, OpenOptions},
-    io::{self, Seek, SeekFrom, Write},
+    io::{self, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     time::{Duration, Instant},
 };
@@ -58,7 +58,14 @@ impl Checkpoint {
     /// # Errors
     /// Those of [`Identity::new`].
     pub fn new(path: PathBuf, scene: &Scene, options: &BakeOptions, every: Duration) -> Result<Checkpoint> {
-        let identity = Identity::new(scene, options)?;
+        Checkpoint::of(path, Identity::new(scene, options)?, options, every)
+    }
+
+    /// As [`Checkpoint::new`], for a scene of which the identity is known.
+    ///
+    /// # Errors
+    /// None in practice: settings always have names.
+    pub fn of(path: PathBuf, identity: Identity, options: &BakeOptions, every: Duration) -> Result<Checkpoint> {
         let all = serde_json::to_value(options).map_err(|e| Error::Option(format!("settings without a name: {e}")))?;
         let settings = SETTINGS.iter().map(|&name| (name.to_string(), all[name].clone())).collect();
         Ok(Checkpoint {
@@ -70,6 +77,38 @@ impl Checkpoint {
             written: Instant::now(),
             every,
         })
+    }
+
+    /// How many rows that count the file at `path` has, as far as the lengths in it tell; somebody else may be writing it.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn rows_in(path: &Path) -> Result<usize> {
+        let count = || {
+            let mut file = File::open(path)?;
+            let length = file.metadata()?.len();
+            let (mut at, mut count) = (MAGIC.len() as u64, 0);
+            loop {
+                // What a frame is long, and how what it holds begins.
+                let mut bytes = [0; FRAME + rows::HEAD];
+                file.seek(SeekFrom::Start(at))?;
+                match file.read_exact(&mut bytes) {
+                    Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => return Ok(count),
+                    read => read?,
+                }
+                let own = u64::from_le_bytes(std::array::from_fn(|i| bytes[i]));
+                let end = at.saturating_add(FRAME as u64).saturating_add(own);
+                if end > length {
+                    return Ok(count);
+                }
+                // The first frame tells of what the rows are.
+                if at > MAGIC.len() as u64 {
+                    count += rows::count(&bytes[FRAME..]);
+                }
+                at = end;
+            }
+        };
+        count().map_err(|e| Error::io(path, e))
     }
 
     /// Where it is.
@@ -296,6 +335,7 @@ mod tests {
             torn.add(&block(50), false).unwrap();
             torn.flush().unwrap();
             drop(torn);
+            assert_eq!(Checkpoint::rows_in(&path).unwrap(), blocks + 1);
             let rows = resumed(&mut checkpoint(folder.path(), &options)).unwrap();
             assert_eq!(rows.blocks().len(), blocks + 1);
             assert_eq!(rows.blocks()[blocks], block(50));
@@ -333,6 +373,7 @@ mod tests {
         first.flush().unwrap();
         let (mut rows, mut again) = (Rows::new(100), Rows::new(100));
         let found = checkpoint(folder.path(), &BakeOptions::default()).resume(&mut rows, Some(&mut again)).unwrap();
+        assert_eq!(Checkpoint::rows_in(&folder.path().join("checkpoint")).unwrap(), 1);
         assert_eq!((found, rows.blocks(), again.blocks()), (2, &[block(1)][..], &[block(2)][..]));
     }
 

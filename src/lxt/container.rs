@@ -22,6 +22,7 @@ pub struct Container {
     bytes: Bytes,
     blocks: Vec<Block>,
     by_name: HashMap<(Name, u64), usize>,
+    hash: [u8; 32],
 }
 
 struct Block {
@@ -48,55 +49,20 @@ impl Container {
     /// # Errors
     /// As of [`Container::open`].
     pub fn of_bytes(path: &Path, bytes: Bytes, purpose: Name) -> Result<Container> {
-        let wrong = |message: String| Err(Error::input(path, "", message));
-        if cfg!(target_endian = "big") {
-            return wrong("files of luxel can be read on little-endian machines alone".into());
-        }
-        let Some(header) = struct_at::<Header>(&bytes, 0).filter(|h| h.magic == MAGIC) else {
-            let name = name_of(purpose);
-            return wrong(format!("is no {name} of luxel, or its first bytes are lost ({} bytes)", bytes.len()));
-        };
-        if header.format != FORMAT {
-            return wrong(format!(
-                "has format {}, but this luxel reads format {FORMAT}: use the luxel that wrote it, or make it anew",
-                header.format
-            ));
-        }
-        let cut =
-            || Error::input(path, "", format!("is cut off or damaged at its end, byte {}: {REMEDY}", bytes.len()));
-        let end = bytes.len().checked_sub(size_of::<Footer>()).ok_or_else(cut)?;
-        let footer = struct_at::<Footer>(&bytes, end).filter(|f| f.end == END).ok_or_else(cut)?;
-        let damaged = |what: &str| Error::input(path, what, format!("is damaged: {REMEDY}"));
-        let table = || damaged("table of blocks");
-        // The table ends where the footer begins, whatever the footer says of both.
-        let begin = usize::try_from(footer.table).map_err(|_| table())?;
-        let entries = bytes.get(begin..end).ok_or_else(table)?;
-        if footer.blocks.checked_mul(size_of::<Entry>() as u64) != Some(entries.len() as u64) {
-            return Err(table());
-        }
-        let hash = blake3::Hasher::new().update(bytemuck::bytes_of(&header)).update(entries).finalize();
-        if hash != footer.hash || (header.zero, header.rest, footer.zero) != (0, [0; 4], 0) {
-            return Err(table());
-        }
+        let header = header(path, &bytes)?;
+        let (footer, entries) = table(path, &bytes, &header)?;
         if header.purpose != purpose {
-            let (is, wanted) = (name_of(header.purpose), name_of(purpose));
-            return wrong(format!("is a {is}, but a {wanted} is needed here"));
+            let message = format!("is a {} file, but a {purpose} file is needed here", header.purpose);
+            return Err(Error::input(path, "", message));
         }
-
-        let (mut blocks, mut by_name) = (Vec::new(), HashMap::new());
-        let mut at = size_of::<Header>() as u64;
-        for entry in entries.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned::<Entry>) {
-            let place = aligned(at).ok_or_else(table)?;
-            at = place.checked_add(entry.length).filter(|&at| at <= footer.table).ok_or_else(table)?;
-            if by_name.insert((entry.kind, entry.number), blocks.len()).is_some() {
-                return Err(table());
-            }
-            blocks.push(Block { entry, at: place as usize, sound: OnceLock::new() });
+        let blocks = places(&entries, footer.table).ok_or_else(|| damaged(path))?;
+        let by_name: HashMap<(Name, u64), usize> =
+            blocks.iter().enumerate().map(|(i, b)| ((b.entry.kind, b.entry.number), i)).collect();
+        // A name that occurs twice would hide a block.
+        if by_name.len() != blocks.len() {
+            return Err(damaged(path));
         }
-        if aligned(at) != Some(footer.table) {
-            return Err(table());
-        }
-        Ok(Container { path: path.into(), bytes, blocks, by_name })
+        Ok(Container { path: path.into(), bytes, blocks, by_name, hash: footer.hash })
     }
 
     /// The file.
@@ -107,6 +73,11 @@ impl Container {
     /// Kinds and numbers of all blocks, in the order of the file.
     pub fn names(&self) -> impl Iterator<Item = (Name, u64)> {
         self.blocks.iter().map(|b| (b.entry.kind, b.entry.number))
+    }
+
+    /// What tells this content from any other, hexadecimal: the hash of header and table, which holds those of the blocks.
+    pub fn id(&self) -> String {
+        blake3::Hash::from(self.hash).to_hex().to_string()
     }
 
     /// Numbers of the blocks of `kind`, in the order of the file.
@@ -178,9 +149,52 @@ impl Container {
     }
 }
 
-/// `shard` -> `shard file`.
-fn name_of(purpose: Name) -> String {
-    format!("{purpose} file")
+/// The first 64 bytes, of a format that can be read.
+fn header(path: &Path, bytes: &[u8]) -> Result<Header> {
+    let wrong = |message: String| Error::input(path, "", message);
+    if cfg!(target_endian = "big") {
+        return Err(wrong("files of luxel can be read on little-endian machines alone".into()));
+    }
+    let foreign = || wrong(format!("is no file of luxel's own, or its first bytes are lost ({} bytes)", bytes.len()));
+    let header = struct_at::<Header>(bytes, 0).filter(|h| h.magic == MAGIC).ok_or_else(foreign)?;
+    if header.format != FORMAT {
+        return Err(wrong(format!(
+            "has format {}, but this luxel reads format {FORMAT}: use the luxel that wrote it, or make it anew",
+            header.format
+        )));
+    }
+    Ok(header)
+}
+
+/// The last 64 bytes, and the entries of the table.
+fn table(path: &Path, bytes: &[u8], header: &Header) -> Result<(Footer, Vec<Entry>)> {
+    let cut = || Error::input(path, "", format!("is cut off or damaged at its end, byte {}: {REMEDY}", bytes.len()));
+    let end = bytes.len().checked_sub(size_of::<Footer>()).ok_or_else(cut)?;
+    let footer = struct_at::<Footer>(bytes, end).filter(|f| f.end == END).ok_or_else(cut)?;
+    let begin = usize::try_from(footer.table).ok();
+    let table = begin.and_then(|begin| bytes.get(begin..end)).ok_or_else(|| damaged(path))?;
+    let hash = blake3::Hasher::new().update(bytemuck::bytes_of(header)).update(table).finalize();
+    let whole = footer.blocks.checked_mul(size_of::<Entry>() as u64) == Some(table.len() as u64);
+    if !whole || hash != footer.hash || (header.zero, header.rest, footer.zero) != (0, [0; 4], 0) {
+        return Err(damaged(path));
+    }
+    Ok((footer, table.chunks_exact(size_of::<Entry>()).map(bytemuck::pod_read_unaligned).collect()))
+}
+
+/// Where the blocks lie: one after the other, up to the table that begins at `end`.
+fn places(entries: &[Entry], end: u64) -> Option<Vec<Block>> {
+    let mut at = size_of::<Header>() as u64;
+    let mut blocks = Vec::with_capacity(entries.len());
+    for &entry in entries {
+        let begin = aligned(at)?;
+        at = begin.checked_add(entry.length).filter(|&at| at <= end)?;
+        blocks.push(Block { entry, at: usize::try_from(begin).ok()?, sound: OnceLock::new() });
+    }
+    (aligned(at) == Some(end)).then_some(blocks)
+}
+
+fn damaged(path: &Path) -> Error {
+    Error::input(path, "table of blocks", format!("is damaged: {REMEDY}"))
 }
 
 fn struct_at<T: bytemuck::AnyBitPattern>(bytes: &[u8], at: usize) -> Option<T> {

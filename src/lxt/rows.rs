@@ -28,6 +28,15 @@ struct Head {
     again: u32,
 }
 
+/// Length of the head of a block.
+pub(super) const HEAD: usize = size_of::<Head>();
+
+/// Rows that count in a block that begins so.
+pub(super) fn count(head: &[u8]) -> usize {
+    let head: Option<Head> = head.get(..HEAD).map(bytemuck::pod_read_unaligned);
+    head.filter(|head| head.again == 0).map_or(0, |head| head.rows as usize)
+}
+
 /// A row without its entries.
 #[repr(C)]
 #[derive(Clone, Copy, Pod, Zeroable)]

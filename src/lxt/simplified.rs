@@ -31,7 +31,26 @@ pub fn write<W: Write>(out: &mut Writer<W>, simplified: &Simplified, options: &B
     out.value(PATCHES, 0, &simplified.patches)
 }
 
-/// Reads what [`write`] wrote of a scene with this geometry and these options; the patches have no colours yet.
+/// As [`write()`], for who has not got the scene: for [`read_alone`].
+///
+/// # Errors
+/// Those of the output.
+pub fn write_alone<W: Write>(out: &mut Writer<W>, simplified: &Simplified) -> io::Result<()> {
+    out.value(GRID, 0, &simplified.grid)?;
+    out.value(GEOMETRY, 0, &simplified.geometry)?;
+    out.value(FRAGMENTS, 0, &simplified.fragments)?;
+    out.value(PATCHES, 0, &simplified.patches)
+}
+
+/// Reads what [`write_alone`] wrote; the patches have no colours.
+///
+/// # Errors
+/// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if what is read does not fit together.
+pub fn read_alone(file: &Container) -> Result<Simplified> {
+    of_parts(file, file.value(GRID, 0)?, file.value(GEOMETRY, 0)?)
+}
+
+/// Reads what [`write()`] wrote of a scene with this geometry and these options; the patches have no colours yet.
 ///
 /// # Errors
 /// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if what is read does not fit together, or not the
@@ -42,7 +61,10 @@ pub fn read(file: &Container, scene: &Scene, options: &BakeOptions) -> Result<Si
         return Err(file.wrong(GRID, 0, "is not the grid of the scene in this file"));
     }
     let own = options.patches != PatchSource::Surfels;
-    let geometry: Geometry = if own { file.value(GEOMETRY, 0)? } else { scene.geometry() };
+    of_parts(file, grid, if own { file.value(GEOMETRY, 0)? } else { scene.geometry() })
+}
+
+fn of_parts(file: &Container, grid: Grid, geometry: Geometry) -> Result<Simplified> {
     let fragments: Fragments = file.value(FRAGMENTS, 0)?;
     let patches: Patches = file.value(PATCHES, 0)?;
     simplify::check(&grid, &geometry, &fragments, &patches).map_err(|e| file.wrong(PATCHES, 0, &e))?;

@@ -15,7 +15,7 @@ pub fn write<W: Write>(out: &mut Writer<W>, source: &Source) -> io::Result<()> {
     out.value(SCENE, 0, source)
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`write()`] wrote.
 ///
 /// # Errors
 /// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if what is read does not fit together. What

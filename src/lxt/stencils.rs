@@ -39,7 +39,7 @@ pub fn write<W: Write>(out: &mut Writer<W>, stencils: &Stencils) -> io::Result<(
     out.value(STENCILS, 0, &Parts { points, ends: ends.to_vec(), neighbours: neighbours.to_vec() })
 }
 
-/// Reads what [`write`] wrote, of a scene with so many patches.
+/// Reads what [`write()`] wrote, of a scene with so many patches.
 ///
 /// # Errors
 /// Those of [`Container::value`]; [`Error::Input`](crate::Error::Input) if the stencils are wrong.

@@ -81,7 +81,7 @@ impl Staged {
     pub fn write_path(&mut self, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
         let (temporary, target) = (self.temporary(name), self.folder.join(name));
         if self.lock.is_some() {
-            self.sweep(name);
+            sweep(&self.folder, name);
         }
         // Listed first, so that the drop removes what a failure leaves.
         self.files.push((temporary.clone(), target.clone()));
@@ -111,21 +111,21 @@ impl Staged {
         Ok(std::mem::take(&mut self.files).into_iter().map(|(_, target)| target).collect())
     }
 
-    /// Removes what killed processes have left of the file `name`.
-    fn sweep(&self, name: &str) {
-        let left = |file: &str| {
-            let number = file.strip_prefix('.')?.strip_prefix(name)?.strip_prefix('.')?.strip_suffix(".tmp")?;
-            (!number.is_empty() && number.bytes().all(|b| b.is_ascii_digit())).then_some(())
-        };
-        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
-            if entry.file_name().to_str().and_then(left).is_some() {
-                fs::remove_file(entry.path()).ok();
-            }
-        }
-    }
-
     fn temporary(&self, name: &str) -> PathBuf {
         self.folder.join(format!(".{name}.{}.tmp", std::process::id()))
+    }
+}
+
+/// Removes what killed processes have left of the file `name` in `folder`, which nobody else writes.
+pub(crate) fn sweep(folder: &Path, name: &str) {
+    let left = |file: &str| {
+        let number = file.strip_prefix('.')?.strip_prefix(name)?.strip_prefix('.')?.strip_suffix(".tmp")?;
+        (!number.is_empty() && number.bytes().all(|b| b.is_ascii_digit())).then_some(())
+    };
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().to_str().and_then(left).is_some() {
+            fs::remove_file(entry.path()).ok();
+        }
     }
 }
 

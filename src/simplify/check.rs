@@ -8,6 +8,13 @@ use crate::trace::Geometry;
 /// Barycentric weights may leave [0, 1] by this much, by rounding.
 const SLACK: f32 = 1e-3;
 
+/// Coordinates stay below this: a scene lies in [-0.5, 0.5]^3, a proxy at most a side of it away. The table from hits to
+/// patches grows with what triangles cover.
+const FARTHEST: f32 = 4.0;
+
+/// Voxels are larger: the longest side of a scene is at least 0.5.
+const SMALLEST: f64 = 0.4 / MAX_DIM as f64;
+
 /// Numbers of fragments and patches have 31 bits.
 const MOST: usize = 1 << 31;
 
@@ -15,6 +22,7 @@ const MOST: usize = 1 << 31;
 pub(crate) fn check(grid: &Grid, geometry: &Geometry, fragments: &Fragments, patches: &Patches) -> Result<(), String> {
     check_grid(grid)?;
     geometry.check().map_err(|e| e.to_string())?;
+    ensure(geometry.positions.iter().all(|p| p.abs().max_element() < FARTHEST), "geometry: a vertex far away")?;
     let voxels = grid.dims.iter().map(|&n| n as u64).product::<u64>();
     check_fragments(geometry, fragments, voxels, patches.len())?;
     check_patches(fragments, patches, voxels)
@@ -22,7 +30,7 @@ pub(crate) fn check(grid: &Grid, geometry: &Geometry, fragments: &Fragments, pat
 
 fn check_grid(grid: &Grid) -> Result<(), String> {
     let dims = grid.dims.iter().all(|n| (1..=MAX_DIM + 2).contains(n));
-    let sound = dims && grid.origin.is_finite() && grid.voxel_size.is_finite() && grid.voxel_size > 0.0;
+    let sound = dims && grid.origin.is_finite() && grid.voxel_size.is_finite() && grid.voxel_size > SMALLEST;
     if sound { Ok(()) } else { Err(format!("a grid of {:?} voxels of size {}", grid.dims, grid.voxel_size)) }
 }
 

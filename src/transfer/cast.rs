@@ -1,8 +1,11 @@
 //! Casting rows: the rays of a patch, and what they meet.
 
-use std::sync::{
-    Mutex,
-    atomic::{AtomicBool, Ordering},
+use std::{
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Instant,
 };
 
 use rayon::prelude::*;
@@ -40,13 +43,15 @@ pub struct Casting<'a> {
     pub marked: bool,
 }
 
-/// Casts those rows of `patches` that `rows` does not have; how many rays that took.
+/// Casts those rows of `patches` that `rows` does not have; those that are `few` have fewer rays (empty: none are). How
+/// many rays that took.
 ///
 /// # Errors
 /// Those of `keeper`, and [`Error::Interrupted`](crate::Error::Interrupted); what was cast until then is in `rows`.
 pub fn cast(
     casting: &Casting,
     patches: &[u32],
+    few: &[bool],
     rows: &mut Rows,
     keeper: &mut dyn RowKeeper,
     progress: &dyn Progress,
@@ -56,11 +61,25 @@ pub fn cast(
     progress.begin("form factors", patches.len() as u64);
     for slice in caster.slices(patches) {
         progress::go_on(progress, "form factors")?;
-        cast += caster.add(slice, &[], None, rows, keeper)?;
+        cast += caster.add(slice, few, None, rows, keeper)?;
         progress.advance(slice.len() as u64);
     }
     progress.end();
     Ok(cast)
+}
+
+/// Seconds a ray of the rows of `patches`, cast one after the other on this thread: to foresee how long others will take.
+pub fn seconds_a_ray(casting: &Casting, patches: &[u32]) -> Vec<f64> {
+    let caster = Caster::new(casting);
+    let mut s = caster.take();
+    let mut writer = BlockWriter::default();
+    let mut seconds = |i: u32| {
+        let begun = Instant::now();
+        caster.row(i, &[], &mut s, &mut writer);
+        begun.elapsed().as_secs_f64() / casting.rays as f64
+    };
+    // Twice, because the machine may do something else meanwhile.
+    patches.iter().map(|&i| seconds(i).min(seconds(i))).collect()
 }
 
 /// What `patches` receive by the rows of `casting`: the sum of what is `sent` over the hits (`closed`: see
@@ -92,6 +111,11 @@ pub fn receive(casting: &Casting, patches: &[u32], sent: &[f32], closed: bool, r
 /// A row of little importance has this many times fewer rays, but no fewer than [`LEAST`].
 const FEWER: u32 = 8;
 const LEAST: u32 = 16;
+/// Rays of a row, of so many usually, and of few if it is of little importance.
+pub fn row_length(rays: u32, few: bool) -> u32 {
+    if few { rays.div_ceil(FEWER).max(LEAST) } else { rays }
+}
+
 /// Patches of a unit of parallel work.
 const CHUNK: usize = 64;
 /// Rays that are cast before rows are kept: a tenth of a second or so on two threads.
@@ -150,7 +174,7 @@ impl<'a> Caster<'a> {
             casting: *casting,
             leading: rows.leading(),
             rows,
-            fewer: PointSets::new(casting.rays.div_ceil(FEWER).max(LEAST) as usize, casting.seed),
+            fewer: PointSets::new(row_length(casting.rays, true) as usize, casting.seed),
             scratch: Mutex::default(),
         }
     }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{
     FormFactors,
-    cast::{Caster, Casting, Probe, Seen},
+    cast::{Caster, Casting, Probe, Seen, cast},
     rows::{RowKeeper, Rows, View},
 };
 use crate::{
@@ -178,6 +178,23 @@ pub fn estimate_plan(
     let outside = (0..n).map(|i| !has_row[i] && views[i] == View::Outside).collect();
     let form_factors = FormFactors::of_rows(rows, if plan.all { &has_row } else { &reached }, &reached);
     Ok(Estimate { form_factors, reached, visible, outside, few, rays: cast, clear })
+}
+
+/// Casts the rows that [`estimate_plan`] casts first for a `plan` that goes backwards; which of the other rows it then
+/// gives fewer rays.
+///
+/// # Errors
+/// As of [`estimate_plan`].
+pub fn first_wave(
+    casting: &Casting,
+    plan: &Plan,
+    rows: &mut Rows,
+    keeper: &mut dyn RowKeeper,
+    progress: &dyn Progress,
+) -> Result<Vec<bool>> {
+    let wave: Vec<u32> = (0..plan.start.len() as u32).filter(|&i| plan.start[i as usize]).collect();
+    cast(casting, &wave, &[], rows, keeper, progress)?;
+    Ok(little_seen(rows, &wave, plan.start, casting.rays))
 }
 
 /// Takes from `pending` the patches that see a reached one.

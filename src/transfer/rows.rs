@@ -4,6 +4,7 @@
 //! lights makes no difference, so rows can be kept, shared and cast anew at will.
 
 use bytes::Bytes;
+use rayon::prelude::*;
 
 use crate::{Result, outlook::Outlook};
 
@@ -176,6 +177,19 @@ impl BlockWriter {
         }
     }
 
+    /// Adds a copy of a row with its marks.
+    fn copy(&mut self, row: RowRef) {
+        self.bytes.extend_from_slice(row.bytes);
+        self.marks.extend_from_slice(row.marks);
+        self.rows.push(Row { end: self.bytes.len() as u32, marks_end: self.marks.len() as u32, ..*row.row });
+    }
+
+    /// Forgets all marks.
+    fn unmark(&mut self) {
+        self.marks.clear();
+        self.rows.iter_mut().for_each(|row| row.marks_end = 0);
+    }
+
     /// The block.
     pub fn finish(mut self) -> Block {
         self.bytes.shrink_to_fit();
@@ -339,6 +353,35 @@ impl Rows {
         self.get(i).filter(|r| r.row.rays() as usize == rays)
     }
 
+    /// The rows of those patches that are `wanted`, in order, a block for each so many successive patches: the same bytes
+    /// wherever, when and together with which others they were cast. Blocks that are so already are not copied.
+    pub fn in_order(&self, patches: usize, wanted: impl Fn(u32) -> bool + Sync) -> Rows {
+        let all: Vec<u32> = (0..self.place.len() as u32).collect();
+        let blocks: Vec<Option<Block>> = all
+            .par_chunks(patches)
+            .map(|run| {
+                let run: Vec<u32> = run.iter().copied().filter(|&i| wanted(i) && self.get(i).is_some()).collect();
+                let number = self.place[*run.first()? as usize][0];
+                let block = &self.blocks[number as usize];
+                let is_here = |(k, &i): (u32, &u32)| self.place[i as usize] == [number, k];
+                if block.rows.len() == run.len() && (0..).zip(&run).all(is_here) {
+                    return Some(block.clone());
+                }
+                let mut writer = BlockWriter::default();
+                let rows = || run.iter().filter_map(|&i| self.get(i));
+                rows().for_each(|row| writer.copy(row));
+                // Marks are of all rows or of none.
+                if rows().any(|row| row.leading().is_none()) {
+                    writer.unmark();
+                }
+                Some(writer.finish())
+            })
+            .collect();
+        let mut rows = Rows::new(self.place.len());
+        blocks.into_iter().flatten().for_each(|block| rows.add(block));
+        rows
+    }
+
     /// The blocks, in the order in which they were added.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
@@ -434,6 +477,36 @@ mod tests {
         let mut rows = Rows::new(3);
         rows.add(writer.finish());
         assert!(rows.get(0).unwrap().leading().is_none());
+    }
+
+    #[test]
+    fn rows_in_order_are_the_same_however_they_came() {
+        let entries = |i: u32| vec![(i + 1, 1 + i), (i + 200, 300)];
+        let add = |rows: &mut Rows, patches: &[u32]| {
+            let mut writer = BlockWriter::default();
+            for &i in patches {
+                writer.push(&entries(i), row(i, 301 + i, 0));
+                writer.mark(&entries(i), &[(i + 1, 1)]);
+            }
+            rows.add(writer.finish());
+        };
+        let mut straight = Rows::new(10);
+        [[0, 1, 2, 3], [4, 5, 6, 7]].iter().for_each(|patches| add(&mut straight, patches));
+        let mut mixed = Rows::new(10);
+        [&[7, 2][..], &[3, 1], &[9, 5], &[5, 4, 0, 6]].into_iter().for_each(|patches| add(&mut mixed, patches));
+        let ordered = mixed.in_order(4, |i| i < 8);
+        assert_eq!(ordered.blocks(), straight.blocks());
+        assert!(ordered.get(9).is_none() && mixed.get(9).is_some());
+        // What is in order is not copied.
+        let again = ordered.in_order(4, |_| true);
+        assert_eq!(again.blocks()[1].bytes.as_ptr(), ordered.blocks()[1].bytes.as_ptr());
+        // A row without marks takes them from its block.
+        let mut writer = BlockWriter::default();
+        writer.push(&entries(6), row(6, 307, 0));
+        mixed.add(writer.finish());
+        let unmarked = mixed.in_order(4, |_| true);
+        assert!(unmarked.get(5).unwrap().leading().is_none() && unmarked.get(1).unwrap().leading().is_some());
+        assert!(unmarked.blocks().iter().all(|block| block.check(10 + 200).is_ok()));
     }
 
     #[test]

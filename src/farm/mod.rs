@@ -1,0 +1,31 @@
+//! A bake shared out among processes that have nothing but a folder in common.
+//!
+//! [`Plan::make`] makes the patches, and divides the work of [`prepare`](crate::bake::prepare) into shards: rows of
+//! successive patches, which foreseeably take equally long. [`Plan::cast`] casts the rows of one, on any machine with the
+//! same build, in any order. [`Plan::merge`] puts them together. As a row depends on the patches, the settings and its
+//! number alone, how the work was divided makes no difference to the result.
+//!
+//! The folder of a plan:
+//!
+//! | file | |
+//! |-|-|
+//! | `plan.lxt` | the scene, the patches, the settings, the shards |
+//! | `shard-K.lxt` | the rows of shard K, whole or not there |
+//! | `shard-K.checkpoint` | rows of shard K while it is cast |
+//! | `.shard-K.lock` | who casts it |
+//! | `array.sbatch`, `merge.sbatch`, `logs/` | jobs of Slurm, and what they say ([`submit`]) |
+//!
+//! The first two are [containers](crate::lxt::Container), the third is a [checkpoint](crate::lxt::Checkpoint).
+
+mod balance;
+mod merge;
+mod plan;
+mod shard;
+mod slurm;
+mod status;
+pub mod submit;
+
+pub use balance::Division;
+pub use plan::{Part, Plan};
+pub use shard::Cast;
+pub use status::{ShardState, ShardStatus};

@@ -1,0 +1,231 @@
+//! The plan: all that the processes need to know, in one file.
+
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Division,
+    balance::{self, MOST_SHARDS},
+};
+use crate::{
+    BakeOptions, Error, Result, Scene,
+    bake::{self, Kept, Outline, ROWS_A_BLOCK, Run},
+    estimate,
+    lxt::{
+        Container, Identity, Name,
+        rows::{self, ROWS},
+        simplified, source, write_file,
+    },
+    scene::Source,
+    simplify::Simplified,
+    trace,
+    transfer::{self, Casting},
+};
+
+const PLAN: Name = Name::new("plan");
+const IDENTITY: Name = Name::new("identity");
+const OPTIONS: Name = Name::new("options");
+const OUTLINE: Name = Name::new("outline");
+const SHARDS: Name = Name::new("shards");
+
+/// Name of the file in the folder.
+const FILE: &str = "plan.lxt";
+
+/// An open plan.
+pub struct Plan {
+    folder: PathBuf,
+    pub(super) file: Container,
+    identity: Identity,
+    options: BakeOptions,
+    shards: Vec<Part>,
+}
+
+/// The work of one shard.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Patches whose rows it casts.
+    pub patches: Range<u32>,
+    /// How long that will take on one thread, as far as can be foreseen, seconds.
+    pub seconds: f64,
+}
+
+impl Plan {
+    /// Makes a plan in `folder`: `scene` is built of `source`. Returns it open.
+    ///
+    /// The division depends on how long some rows took, so it may differ from time to time; the results do not.
+    ///
+    /// # Errors
+    /// Those of [`prepare`](bake::prepare); [`Error::Option`] for no shards, or if there is a plan in the folder already;
+    /// [`Error::Io`] with the path.
+    pub fn make(
+        folder: &Path,
+        source: &Source,
+        scene: &Scene,
+        options: &BakeOptions,
+        division: Division,
+        run: &mut Run,
+    ) -> Result<Plan> {
+        let path = Plan::check_place(folder)?;
+        let identity = Identity::new(scene, options)?;
+        let mut kept = Kept::default();
+        let outline = bake::outline(scene, options, &mut kept, run)?;
+        let Some(simplified) = &kept.simplified else {
+            return Err(Error::Scene(format!("scene \"{}\" has no patches", scene.name)));
+        };
+        let shards = divided(simplified, &outline, options, division)?;
+        write_file(&path, PLAN, |out| {
+            out.json(IDENTITY, 0, &identity)?;
+            out.json(SHARDS, 0, &shards)?;
+            out.value(OPTIONS, 0, options)?;
+            source::write(out, source)?;
+            simplified::write_alone(out, simplified)?;
+            out.value(OUTLINE, 0, &outline)?;
+            rows::write_all(out, ROWS, &kept.rows.in_order(ROWS_A_BLOCK, |_| true))
+        })?;
+        Plan::open(folder)
+    }
+
+    /// Proves that a plan can be made in `folder`; makes it if it is missing. Returns the path of the file.
+    ///
+    /// # Errors
+    /// [`Error::Option`] if there is a plan already, [`Error::Io`].
+    pub fn check_place(folder: &Path) -> Result<PathBuf> {
+        let path = folder.join(FILE);
+        if path.exists() {
+            return Err(Error::Option(format!(
+                "{}: there is a plan already; remove the folder with its shards, or choose another one",
+                path.display()
+            )));
+        }
+        crate::output::atomic::Staged::open(folder)?.commit()?;
+        Ok(path)
+    }
+
+    /// Opens the plan in `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Input`]: see [`Container::open`]; also if another build made it.
+    pub fn open(folder: &Path) -> Result<Plan> {
+        let path = folder.join(FILE);
+        let file = Container::open(&path, PLAN)?;
+        let identity: Identity = file.json(IDENTITY, 0)?;
+        identity.check_build(&path)?;
+        let options: BakeOptions = file.value(OPTIONS, 0)?;
+        let shards: Vec<Part> = file.json(SHARDS, 0)?;
+        let mut end = 0;
+        for Part { patches, .. } in &shards {
+            if patches.start != end || patches.end < end {
+                return Err(file.wrong(SHARDS, 0, "leaves patches out, or names some twice"));
+            }
+            end = patches.end;
+        }
+        Ok(Plan { folder: folder.into(), file, identity, options, shards })
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The settings.
+    pub fn options(&self) -> &BakeOptions {
+        &self.options
+    }
+
+    /// The work of each shard.
+    pub fn shards(&self) -> &[Part] {
+        &self.shards
+    }
+
+    /// What tells this plan from any other.
+    pub(super) fn id(&self) -> String {
+        self.file.id()
+    }
+
+    /// The build and the surfaces.
+    pub(super) fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// Number of patches.
+    pub(super) fn patches(&self) -> usize {
+        self.shards.last().map_or(0, |part| part.patches.end as usize)
+    }
+
+    /// The scene as it was read.
+    ///
+    /// # Errors
+    /// Those of [`Container::value`].
+    pub fn source(&self) -> Result<Source> {
+        source::read(&self.file)
+    }
+
+    /// The patches, in no colours.
+    pub(super) fn simplified(&self) -> Result<Simplified> {
+        let simplified = simplified::read_alone(&self.file)?;
+        if simplified.patches.len() == self.patches() {
+            Ok(simplified)
+        } else {
+            Err(self.file.wrong(SHARDS, 0, "is not of these patches"))
+        }
+    }
+
+    /// How rows are cast.
+    pub(super) fn outline(&self) -> Result<Outline> {
+        let outline: Outline = self.file.value(OUTLINE, 0)?;
+        let fits = |list: &Vec<bool>| list.is_empty() || list.len() == self.patches();
+        if [&outline.outer, &outline.few, &outline.spared].into_iter().all(fits) {
+            Ok(outline)
+        } else {
+            Err(self.file.wrong(OUTLINE, 0, "is not of these patches"))
+        }
+    }
+
+    /// The rows that shard `k` casts, and those of other rays.
+    pub(super) fn rows_of(&self, k: usize, outline: &Outline) -> (Vec<u32>, Vec<u32>) {
+        let range = self.shards[k].patches.clone();
+        let is_spared = |i: &u32| outline.spared.get(*i as usize).is_some_and(|&spared| spared);
+        let rows = range.clone().filter(|i| !is_spared(i)).collect();
+        let again = if self.options.estimate { estimate::again(self.patches(), self.options.seed) } else { Vec::new() };
+        (rows, again.into_iter().filter(|i| range.contains(i)).collect())
+    }
+}
+
+/// The work of each shard.
+fn divided(simplified: &Simplified, outline: &Outline, options: &BakeOptions, division: Division) -> Result<Vec<Part>> {
+    let tracer = trace::build(options.backend, &simplified.geometry)?;
+    let casting = Casting {
+        simplified,
+        tracer: &*tracer,
+        outer: &outline.outer,
+        rays: options.rays,
+        seed: options.seed,
+        again: 0,
+        marked: true,
+    };
+    let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
+    let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {
+        (true, _) => 0,
+        (false, few) => transfer::row_length(options.rays, few),
+    };
+    let costs = balance::costs(&casting, rays);
+    let total: f64 = costs.iter().sum();
+    let shards = match division {
+        Division::Shards(shards) => shards,
+        Division::Seconds(seconds) => (total / rayon::current_num_threads() as f64 / seconds).ceil().max(1.0) as usize,
+    };
+    if !(1..=MOST_SHARDS).contains(&shards) {
+        return Err(Error::Option(format!("{shards} shards: there must be from 1 to {MOST_SHARDS}")));
+    }
+    let patches = simplified.patches.len();
+    let patch = |block: usize| (block * ROWS_A_BLOCK).min(patches) as u32;
+    let part = |blocks: Range<usize>| Part {
+        patches: patch(blocks.start)..patch(blocks.end),
+        seconds: costs[blocks].iter().sum(),
+    };
+    Ok(balance::divide(&costs, shards).into_iter().map(part).collect())
+}

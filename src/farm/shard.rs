@@ -1,0 +1,235 @@
+//! One shard: casting it, and reading what was cast.
+
+use std::{
+    collections::BTreeMap,
+    fs, io,
+    path::PathBuf,
+    thread,
+    time::{Duration, Instant},
+};
+
+use serde::{Deserialize, Serialize};
+
+use super::Plan;
+use crate::{
+    Error, Result,
+    bake::{Outline, ROWS_A_BLOCK},
+    lock::Lock,
+    lxt::{
+        Checkpoint, Container, Identity, Name,
+        rows::{self, AGAIN, ROWS},
+        write_file,
+    },
+    output::atomic::sweep,
+    progress::Progress,
+    trace,
+    transfer::{self, Block, Casting, RowKeeper, Rows},
+};
+
+const SHARD: Name = Name::new("shard");
+const IDENTITY: Name = Name::new("identity");
+const SETTINGS: Name = Name::new("settings");
+
+/// Who asks whether a shard is being cast holds its lock for a moment; who wants to cast it tries again so often.
+const TRIES: u32 = 3;
+const PAUSE: Duration = Duration::from_millis(30);
+
+/// From the beginning until rows are written down, and between two times at last. In between the times double, so that what
+/// a kill costs is a few seconds, and half of the work at most.
+const FIRST: Duration = Duration::from_millis(250);
+const LAST: Duration = Duration::from_secs(8);
+
+/// What came of the order to cast a shard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cast {
+    /// It was cast, with so many rays; so many rows were there from an attempt that was interrupted.
+    Now {
+        /// Rays.
+        rays: u64,
+        /// Rows of an earlier attempt.
+        resumed: usize,
+    },
+    /// It was there, whole and sound.
+    Before,
+    /// There is no shard of this number: schedulers of arrays may ask for more than there are.
+    Beyond,
+}
+
+/// What a shard is of, besides the build and the surfaces.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Settings {
+    /// The plan, by its content.
+    plan: String,
+    /// The number of the shard.
+    shard: usize,
+    /// Settings by their names, as JSON.
+    options: BTreeMap<String, String>,
+}
+
+/// The rows of a shard.
+pub(super) struct Shard {
+    pub rows: Rows,
+    pub again: Rows,
+}
+
+impl Plan {
+    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used. Of the scene
+    /// nothing is built but the patches and the surfaces that rays meet.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if `progress` asks to stop, [`Error::Io`];
+    /// [`Error::Input`] if the plan is damaged.
+    pub fn cast(&self, k: usize, progress: &dyn Progress) -> Result<Cast> {
+        if k >= self.shards().len() {
+            return Ok(Cast::Beyond);
+        }
+        let outline = self.outline()?;
+        if self.shard(k, &outline).is_ok() {
+            return Ok(Cast::Before);
+        }
+        let _lock = self.lock(k)?;
+        // Its last holder may have finished it.
+        if self.shard(k, &outline).is_ok() {
+            return Ok(Cast::Before);
+        }
+        sweep(self.folder(), &format!("shard-{k}.lxt"));
+        let simplified = self.simplified()?;
+        let options = self.options();
+        let tracer = trace::build(options.backend, &simplified.geometry)?;
+        let casting = Casting {
+            simplified: &simplified,
+            tracer: &*tracer,
+            outer: &outline.outer,
+            rays: options.rays,
+            seed: options.seed,
+            again: 0,
+            marked: true,
+        };
+        let (own, other) = self.rows_of(k, &outline);
+        let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
+        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;
+        let mut journal = Journal { checkpoint, again: false, written: Instant::now(), wait: FIRST };
+        if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
+            // It is of something else; nobody asked for it to be used.
+            journal.checkpoint.discard()?;
+        }
+        let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
+        let mut rays = transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
+        journal.again = true;
+        let casting = Casting { again: 1, marked: false, ..casting };
+        rays += transfer::cast(&casting, &other, &[], &mut again, &mut journal, progress)?;
+
+        let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
+        let again = again.in_order(ROWS_A_BLOCK, |_| true);
+        write_file(&self.shard_path(k), SHARD, |out| {
+            out.json(IDENTITY, 0, self.identity())?;
+            out.json(SETTINGS, 0, &self.settings(k))?;
+            rows::write_all(out, ROWS, &rows)?;
+            rows::write_all(out, AGAIN, &again)
+        })?;
+        journal.checkpoint.remove()?;
+        Ok(Cast::Now { rays, resumed })
+    }
+
+    /// The rows of shard `k`, if all of them are there and sound.
+    pub(super) fn shard(&self, k: usize, outline: &Outline) -> Result<Shard> {
+        let (path, patches) = (self.shard_path(k), self.patches());
+        let file = Container::open(&path, SHARD)?;
+        let wrong = |what: String| Error::input(&path, "", what);
+        let identity: Identity = file.json(IDENTITY, 0)?;
+        if let Some(difference) = identity.build.difference(&self.identity().build) {
+            return Err(wrong(format!("was made by another build: {difference}")));
+        }
+        if identity.surfaces != self.identity().surfaces {
+            return Err(wrong("is of another scene".into()));
+        }
+        let settings: Settings = file.json(SETTINGS, 0)?;
+        if let Some(difference) = settings.difference(&self.settings(k)) {
+            return Err(wrong(difference));
+        }
+        file.verify()?;
+        let shard =
+            Shard { rows: rows::read_all(&file, ROWS, patches)?, again: rows::read_all(&file, AGAIN, patches)? };
+        let (own, other) = self.rows_of(k, outline);
+        let rays = self.options().rays;
+        let few = |i: u32| outline.few.get(i as usize).is_some_and(|&few| few);
+        let is_there = |i: &u32| shard.rows.with_rays(*i, transfer::row_length(rays, few(*i)) as usize).is_some();
+        let all = own.iter().all(is_there) && other.iter().all(|&i| shard.again.with_rays(i, rays as usize).is_some());
+        if all { Ok(shard) } else { Err(wrong("lacks rows".into())) }
+    }
+
+    fn settings(&self, shard: usize) -> Settings {
+        let options: BTreeMap<String, String> = match serde_json::to_value(self.options()) {
+            Ok(serde_json::Value::Object(all)) => all.iter().map(|(name, v)| (name.clone(), v.to_string())).collect(),
+            _ => BTreeMap::new(),
+        };
+        Settings { plan: self.id(), shard, options }
+    }
+
+    fn lock(&self, k: usize) -> Result<Lock> {
+        let take = || Lock::take(&self.shard_path(k), self.lock_path(k), &format!("luxel farm shard {k}"));
+        for _ in 1..TRIES {
+            match take() {
+                Err(Error::Busy { .. }) => thread::sleep(PAUSE),
+                taken => return taken,
+            }
+        }
+        take()
+    }
+
+    /// The file of shard `k`.
+    pub fn shard_path(&self, k: usize) -> PathBuf {
+        self.folder().join(format!("shard-{k}.lxt"))
+    }
+
+    pub(super) fn checkpoint_path(&self, k: usize) -> PathBuf {
+        self.folder().join(format!("shard-{k}.checkpoint"))
+    }
+
+    pub(super) fn lock_path(&self, k: usize) -> PathBuf {
+        self.folder().join(format!(".shard-{k}.lock"))
+    }
+
+    /// Whether there is a file of shard `k`, sound or not.
+    pub(super) fn is_there(&self, k: usize) -> bool {
+        !matches!(fs::metadata(self.shard_path(k)), Err(e) if e.kind() == io::ErrorKind::NotFound)
+    }
+}
+
+impl Settings {
+    /// Names what differs, e.g. `rays 256 there, 64 here`; `None` if nothing does.
+    fn difference(&self, here: &Settings) -> Option<String> {
+        let differs = |(name, here): (&String, &String)| {
+            let there = self.options.get(name).filter(|there| *there != here)?;
+            Some(format!("{} {there} there, {here} here", name.replace('_', " ")))
+        };
+        let differences: Vec<String> = here.options.iter().filter_map(differs).collect();
+        if !differences.is_empty() {
+            return Some(format!("was made with other settings: {}", differences.join("; ")));
+        }
+        if self.plan != here.plan {
+            return Some("is of another plan of this scene".into());
+        }
+        (self.shard != here.shard).then(|| format!("is shard {}", self.shard))
+    }
+}
+
+/// Writes down what is cast.
+struct Journal {
+    checkpoint: Checkpoint,
+    /// Whether rows of other rays come.
+    again: bool,
+    written: Instant,
+    wait: Duration,
+}
+
+impl RowKeeper for Journal {
+    fn keep(&mut self, block: Block) -> Result<Block> {
+        self.checkpoint.add(&block, self.again)?;
+        if self.written.elapsed() >= self.wait {
+            self.checkpoint.flush()?;
+            (self.written, self.wait) = (Instant::now(), (2 * self.wait).min(LAST));
+        }
+        Ok(block)
+    }
+}
