@@ -200,12 +200,12 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     // Wide: a small bake is mostly what the allocator makes of it. Five scenes are measured in ARCHITECTURE.md.
     assert!((0.6..1.6).contains(&(foretold / measured)), "{foretold} foretold, {measured} measured");
 
-    // All of it but half of the form factors.
+    // All of it but a quarter of the form factors: what was freed before holds some of them too.
     let rows = record(&free)["counts"]["form_factor_bytes"].as_f64().unwrap();
-    let limit = format!("{:.0}M", (foretold - 0.5 * rows) * 1e-6);
+    let limit = format!("{:.0}M", (foretold - 0.25 * rows) * 1e-6);
     let (spilled, output) = bake_with("spilled", &["--memory-limit", &limit]);
     assert!(output.status.success(), "{}", words(&output));
-    assert!(record(&spilled)["foretold_memory_bytes"].as_f64().unwrap() < foretold - 0.5 * rows);
+    assert!(record(&spilled)["foretold_memory_bytes"].as_f64().unwrap() < foretold - 0.25 * rows);
     assert!(contents(&spilled) == contents(&free));
     assert_eq!(names(&spilled), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
 
