@@ -101,7 +101,7 @@ const COMMANDS: [&str; 13] = [
 
 #[test]
 fn every_option_that_the_documents_name_exists() {
-    let texts = COMMANDS.map(|command| help(command));
+    let texts = COMMANDS.map(help);
     let known: BTreeSet<&str> = texts.iter().flat_map(|text| options(text)).chain(FOREIGN).collect();
     for document in documents() {
         let text = fs::read_to_string(&document).unwrap();
