@@ -21,6 +21,11 @@ use luxel::{
     trace::{Hit, RayBatch},
 };
 
+/// The noise of the reference for indirect light is to be at most this share of the estimated error,
+const CONVERGED: f64 = 0.5;
+/// if so many paths bring it there.
+const MOST_PATHS: u32 = 1 << 16;
+
 struct Job {
     path: PathBuf,
     overrides: SceneOverrides,
@@ -44,14 +49,19 @@ fn main() {
     if jobs.is_empty() {
         jobs = suite();
     }
-    println!("| scene | quality | light | true error | estimated | true / estimated | noise | grid | seconds |");
-    println!("|-|-|-|-|-|-|-|-|-|");
+    println!(
+        "| scene | quality | light | true error | noise of the reference | estimated | true / estimated | noise | grid | seconds |"
+    );
+    println!("|-|-|-|-|-|-|-|-|-|-|");
     for job in jobs {
         if let Err(error) = job.run(paths, points as usize, only.as_deref(), reconstruct) {
             println!("{}: {error}", job.path.display());
         }
     }
-    println!("{} threads; {points} vertices chosen by area, {paths} paths each, their noise subtracted", threads());
+    println!(
+        "{} threads; {points} vertices chosen by area, {paths} to {MOST_PATHS} paths each, their noise subtracted",
+        threads()
+    );
 }
 
 fn threads() -> usize {
@@ -95,17 +105,26 @@ impl Job {
 fn row(scene: &Scene, bake: &Bake, quality: &str, paths: u32, count: usize) -> luxel::Result<()> {
     let chosen = visible(scene, bake, by_area(bake, count));
     let points: Vec<SurfacePoint> = chosen.iter().map(|&v| bake.mesh.samples[v]).collect();
-    let options = ReferenceOptions { until: Until::Samples(paths), seed: 1 };
-    let truth = reference::irradiance(scene, bake.tracer(), &points, &options, &Silent)?;
     let error = bake.report.error.as_ref().expect("the bake made an estimate");
+    let mut paths = paths;
+    let truth = loop {
+        let options = ReferenceOptions { until: Until::Samples(paths), seed: 1 };
+        let truth = reference::irradiance(scene, bake.tracer(), &points, &options, &Silent)?;
+        // Standard errors of few paths do not know of those that are rare and bright.
+        if paths >= MOST_PATHS || noise(&truth) <= CONVERGED * error.indirect.total {
+            break truth;
+        }
+        paths *= 4;
+    };
     let at = |values: &[Vec3]| chosen.iter().map(|&v| values[v]).collect::<Vec<Vec3>>();
     let sum = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| *a + *b).collect::<Vec<Vec3>>();
     let (direct, indirect) = (at(&bake.vertices.direct), at(&bake.vertices.indirect));
-    let Reference { direct: d, indirect: i, direct_error, indirect_error, luminance_error, .. } = &truth;
+    let Reference { direct: d, indirect: i, luminance_error, .. } = &truth;
+    let Reference { direct_luminance_error, indirect_luminance_error, .. } = &truth;
     let seconds: f64 = bake.report.stages.iter().map(|s| s.seconds).sum();
     let rows = [
-        ("direct", difference(&direct, d, &bands(direct_error)), &error.direct),
-        ("indirect", difference(&indirect, i, &bands(indirect_error)), &error.indirect),
+        ("direct", difference(&direct, d, direct_luminance_error), &error.direct),
+        ("indirect", difference(&indirect, i, indirect_luminance_error), &error.indirect),
         ("total", difference(&sum(&direct, &indirect), &sum(d, i), luminance_error), &error.total),
     ];
     for (light, is, said) in rows {
@@ -114,17 +133,23 @@ fn row(scene: &Scene, bake: &Bake, quality: &str, paths: u32, count: usize) -> l
     Ok(())
 }
 
-fn print_row(scene: &str, quality: &str, light: &str, is: &Difference, said: &ErrorParts, seconds: f64) {
-    let percent = |x: f64| format!("{:.2}", 100.0 * x);
-    let [rmse, total, noise, grid] = [is.rmse, said.total, said.noise, said.discretisation].map(percent);
-    // Where no rays are random there is nothing to compare.
-    let ratio = if said.total > 1e-4 { format!("{:.2}", is.rmse / said.total) } else { "-".into() };
-    println!("| {scene} | {quality} | {light} | {rmse} | {total} | {ratio} | {noise} | {grid} | {seconds:.2} |");
+/// Noise of indirect light, root mean square over the points, as a share of its mean.
+fn noise(truth: &Reference) -> f64 {
+    let squares: f64 = truth.indirect_luminance_error.iter().map(|e| e * e).sum();
+    let light: f64 = truth.indirect.iter().map(|e| compare::luminance(*e)).sum();
+    let n = truth.indirect.len().max(1) as f64;
+    (squares / n).sqrt() / (light / n).max(f64::MIN_POSITIVE)
 }
 
-/// Luminance of standard errors whose bands see the same paths: an upper bound, exact where colours are alike.
-fn bands(errors: &[Vec3]) -> Vec<f64> {
-    errors.iter().map(|e| compare::luminance(*e)).collect()
+fn print_row(scene: &str, quality: &str, light: &str, is: &Difference, said: &ErrorParts, seconds: f64) {
+    let percent = |x: f64| format!("{:.2}", 100.0 * x);
+    let [rmse, reference, total, noise, grid] =
+        [is.rmse, is.noise, said.total, said.noise, said.discretisation].map(percent);
+    // Where no rays are random there is nothing to compare.
+    let ratio = if said.total > 1e-4 { format!("{:.2}", is.rmse / said.total) } else { "-".into() };
+    println!(
+        "| {scene} | {quality} | {light} | {rmse} | {reference} | {total} | {ratio} | {noise} | {grid} | {seconds:.2} |"
+    );
 }
 
 fn difference(values: &[Vec3], truth: &[Vec3], errors: &[f64]) -> Difference {

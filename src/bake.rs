@@ -19,6 +19,7 @@ mod needs;
 mod outline;
 mod outlook;
 mod prepared;
+mod relit;
 mod skipped;
 mod vertices;
 

@@ -59,6 +59,9 @@ pub enum Error {
     /// A ray-tracing or image backend is absent or failed: choose another one.
     #[error("{0}")]
     Backend(String),
+    /// The scheduler of a farm is absent or refuses: its own words say what to change.
+    #[error("{0}")]
+    Scheduler(String),
 }
 
 /// What helps against a failure of the system, where that is not plain.

@@ -82,6 +82,7 @@ pub mod goal;
 pub mod lxt;
 pub mod output;
 pub mod reference;
+pub mod relight;
 pub mod selftest;
 
 pub use bake::bake;
@@ -90,6 +91,7 @@ pub use forecast::forecast;
 pub use goal::{Goal, bake_to};
 pub use options::BakeOptions;
 pub use quality::Quality;
+pub use relight::Relighter;
 pub use scene::Scene;
 
 /// The README's code compiles.

@@ -8,6 +8,7 @@ use luxel::{
     light::{LightSet, irradiance},
     options::Backend,
     sampling,
+    scene::RAY_OFFSET,
     scene::SurfacePoint,
     scene::{Corners, Frame, Light, Material, Triangle, light::Environment},
     trace::{self, RayTracer},
@@ -229,6 +230,43 @@ fn a_lamp_in_full_view_has_no_noise_and_a_covered_one_no_light() {
     let expected = over_point(-0.1, 0.1, -0.1, 0.1, 0.4);
     for (channel, factor) in open.to_array().into_iter().zip([1.0, 2.0, 3.0]) {
         assert_close(channel, factor * expected, ROUNDING, "open");
+    }
+}
+
+/// Rays end short of a lamp, so those of the room pass what lies on it; a sheet nearer than that was once lit as well.
+#[test]
+fn a_sheet_on_a_lamp_takes_none_of_its_light_or_hides_it() {
+    // Half of a lamp in the floor lies under a sheet.
+    let lamp = [[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]].map(|[x, y]| Vec3::new(x, y, 0.0) - 0.5);
+    let lights = LightSet::of_polygons([(&lamp[..], Vec3::ONE)].into_iter());
+    let emitted = std::f64::consts::PI * 0.25;
+    for height in [0.3 * RAY_OFFSET, 3.0 * RAY_OFFSET] {
+        let mut b = Builder::new();
+        b.room(Vec3::splat(-0.5), Vec3::splat(0.5));
+        let corner = lamp[0] + Vec3::Z * height;
+        b.quad(corner, Vec3::X * 0.5, Vec3::Y * 0.25, 0);
+        let tracer = b.tracer();
+        let n = 24;
+        let cells = (0..n * n).map(|i| [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32));
+        let power = |corner: Vec3, u: Vec3, v: Vec3| {
+            let normal = u.cross(v).normalize();
+            let points: Vec<SurfacePoint> = cells.clone().map(|[s, t]| point(corner + s * u + t * v, normal)).collect();
+            let light = irradiance(&lights, &*tracer, &points, 1, 64, 1).irradiance;
+            light.iter().map(|e| e.x as f64).sum::<f64>() / (n * n) as f64 * u.cross(v).length() as f64
+        };
+        let (low, high) = (Vec3::splat(-0.5), Vec3::splat(0.5));
+        let walls: f64 = (0..3)
+            .flat_map(|axis| {
+                let (u, v) = (Vec3::AXES[(axis + 1) % 3], Vec3::AXES[(axis + 2) % 3]);
+                [power(low, u, v), power(high, -v, -u)]
+            })
+            .sum();
+        let underside = power(corner, Vec3::Y * 0.25, Vec3::X * 0.5);
+        println!("{height:e}: walls {walls}, underside {underside}, emitted {emitted}");
+        // The midpoint rule errs by 1/24 of the square of a cell over the distance of lamp and walls, 0.1 %.
+        let error = ((walls + underside) / emitted - 1.0).abs();
+        assert!(error < 0.01, "{height:e}: {walls} + {underside} of {emitted}");
+        assert_eq!(underside > 0.0, height > RAY_OFFSET);
     }
 }
 
@@ -458,6 +496,37 @@ fn picking_among_thousands_of_lamps_is_unbiased() {
 }
 
 #[test]
+fn the_lamp_beside_a_point_is_not_left_to_chance_among_many() {
+    // Equal lamps that look down, and points under some of them, so close that the others hardly count.
+    let mut b = Builder::new();
+    let unit = |i: u64, k: u64| sampling::hash(&[i, k]) as f32 / u64::MAX as f32;
+    let places: Vec<Vec3> = (0..300).map(|i| Vec3::new(unit(i, 0), unit(i, 1), unit(i, 2)) * 0.9 - 0.45).collect();
+    const SIZE: f32 = 0.01;
+    for &corner in &places {
+        let (edge_u, edge_v) = (Vec3::Y * SIZE, Vec3::X * SIZE);
+        b.0.lights.push(Light::Rectangle { corner, edge_u, edge_v, radiance: Vec3::ONE });
+    }
+    let (lights, tracer) = (LightSet::new(&b.0), b.tracer());
+    for (i, &lamp) in places.iter().enumerate().step_by(10) {
+        let x = point(lamp + 0.5 * SIZE * Vec3::new(1.0, 1.0, -1.0), Vec3::Z);
+        let of_lamp = |k: usize| {
+            let mut one = Builder::new();
+            one.0.lights.push(b.0.lights[k].clone());
+            irradiance(&LightSet::new(&one.0), &*tracer, &[x], 1, 1, 1).irradiance[0].x as f64
+        };
+        let beside = of_lamp(i);
+        let others: f64 = (0..places.len()).filter(|&k| k != i).map(of_lamp).sum();
+        let values: Vec<f64> =
+            (0..50).map(|seed| irradiance(&lights, &*tracer, &[x], 1, 64, seed).irradiance[0].x as f64).collect();
+        let (mean, error) = statistics(&values);
+        // Picks among the others err by less than all that they give; a pick that misses the near one, by that.
+        assert!(error * 50f64.sqrt() < others, "lamp {i}: {mean} +- {error}, {beside} and {others}");
+        assert!((mean - beside - others).abs() < 4.0 * error + ROUNDING * mean, "lamp {i}: {mean} +- {error}");
+        assert!(others < 0.2 * beside, "lamp {i}: {beside} and {others}");
+    }
+}
+
+#[test]
 fn a_patch_has_the_mean_light_of_its_points() {
     // A patch of 0.1 x 0.1 half in the shadow of the blocker, against many single points.
     let b = half_covered(0.03);
@@ -486,6 +555,46 @@ fn a_patch_has_the_mean_light_of_its_points() {
     // The reference's own error: 1024 points of 256 stratified rays, below 1e-3.
     assert!((mean - exact).abs() < 4.0 * error + 1e-3 * exact, "{mean} +- {error}, {exact}");
     assert!(error * 200f64.sqrt() < 0.03 * exact);
+}
+
+#[test]
+fn a_folded_patch_beside_a_lamp_has_no_more_noise_than_random_points() {
+    // A sheet of two sides: one faces a lamp close by, both are faced by others far away.
+    let mut b = Builder::new();
+    let lamp = Vec3::new(-0.02, -0.02, 0.05);
+    b.0.lights.push(Light::Rectangle {
+        corner: lamp,
+        edge_u: Vec3::Y * 0.04,
+        edge_v: Vec3::X * 0.04,
+        radiance: Vec3::ONE,
+    });
+    for i in 0..8 {
+        let position = Vec3::new(0.3 * (i % 3) as f32 - 0.3, 0.1, if i % 2 == 0 { 0.4 } else { -0.4 });
+        b.0.lights.push(Light::Point { position, intensity: Vec3::splat(1e-4), range: f32::INFINITY });
+    }
+    let place = |u: f32, v: f32| {
+        let side = if u < 0.5 { 1.0 } else { -1.0 };
+        point(Vec3::new(0.1 * (2.0 * u % 1.0) - 0.05, 0.1 * v - 0.05, 0.0), Vec3::Z * side)
+    };
+    let (lights, tracer) = (LightSet::new(&b.0), b.tracer());
+    // Nothing hides anything, so that one ray a point gives its exact light.
+    let fine: Vec<SurfacePoint> =
+        (0..64 * 64).map(|i| place(((i % 64) as f32 + 0.5) / 64.0, ((i / 64) as f32 + 0.5) / 64.0)).collect();
+    let exact = irradiance(&lights, &*tracer, &fine, 1, 1, 1).irradiance;
+    let (exact, of_fine) = statistics(&exact.iter().map(|e| e.x as f64).collect::<Vec<_>>());
+    let of_one = of_fine * (fine.len() as f64).sqrt();
+
+    let patch = |seed| {
+        let points: Vec<SurfacePoint> =
+            (0..32).map(|k| sampling::sobol4(k, seed)).map(|[u, v, ..]| place(u, v)).collect();
+        irradiance(&lights, &*tracer, &points, 32, 32, seed).irradiance[0].x as f64
+    };
+    let (mean, error) = statistics(&(0..200).map(patch).collect::<Vec<_>>());
+    let spread = error * 200f64.sqrt();
+    println!("{mean} +- {error}, exact {exact}; spread {spread}, of random points {}", of_one / 32f64.sqrt());
+    // The midpoint rule is good to the cells' curvature, far below 1e-3.
+    assert!((mean - exact).abs() < 4.0 * error + 1e-3 * exact, "{mean} +- {error}, {exact}");
+    assert!(spread < of_one / 32f64.sqrt(), "{spread} {of_one}");
 }
 
 #[test]

@@ -67,8 +67,8 @@ fn help(command: &str) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Options of cargo and its kin that the documents speak of.
-const FOREIGN: [&str; 12] = [
+/// Options of cargo, schedulers and their kin that the documents speak of.
+const FOREIGN: [&str; 24] = [
     "--all-targets",
     "--bench",
     "--example",
@@ -81,9 +81,21 @@ const FOREIGN: [&str; 12] = [
     "--release",
     "--check",
     "--test",
+    "--array",
+    "--cpus-per-task",
+    "--init",
+    "--joblog",
+    "--jobs",
+    "--mem",
+    "--partition",
+    "--requeue",
+    "--retries",
+    "--rm",
+    "--sshlogin",
+    "--termseq",
 ];
 
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 14] = [
     "bake",
     "prepare",
     "relight",
@@ -91,6 +103,7 @@ const COMMANDS: [&str; 13] = [
     "farm shard",
     "farm status",
     "farm merge",
+    "farm submit",
     "points",
     "check",
     "reference",
@@ -164,4 +177,27 @@ fn the_pipeline_names_the_stages_of_the_report() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         assert!(readme.contains(&format!("`{name}`")), "README.md leaves out {name}");
     }
+}
+
+#[test]
+fn the_shard_numbers_of_schedulers_are_those_that_the_document_derives_from_their_variables() {
+    let text = fs::read_to_string(root().join("docs/FARM.md")).unwrap();
+    let mut seen = 0;
+    // Rows `| scheduler | array | `expression` |`.
+    for line in text.lines().filter(|line| line.starts_with("| ")) {
+        let Some(expression) = line.strip_suffix("` |").and_then(|line| line.rsplit_once("| `")).map(|(_, e)| e) else {
+            continue;
+        };
+        if !expression.starts_with('$') {
+            continue;
+        }
+        let word = |c: char| c.is_ascii_uppercase() || c == '_';
+        let variable = expression.split(|c| !word(c)).find(|w| !w.is_empty()).unwrap();
+        let counts_from_one = line.contains("1-16");
+        let shell = Command::new("sh").args(["-c", &format!("echo {expression}")]).env(variable, "8").output().unwrap();
+        let number = String::from_utf8(shell.stdout).unwrap();
+        assert_eq!(number.trim(), if counts_from_one { "7" } else { "8" }, "{line}");
+        seen += 1;
+    }
+    assert!(seen >= 8, "only {seen} schedulers found");
 }

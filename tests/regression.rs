@@ -10,6 +10,7 @@ use luxel::{
     progress::Silent,
     scene::SurfacePoint,
     scene::WorldLight,
+    selftest::{cie, closed_forms::point_to_polygon},
     simplify::{self, Grid},
 };
 
@@ -144,4 +145,31 @@ fn no_sky_leaks_into_a_closed_room_at_its_edges_and_corners() {
             assert!((got / expected - 1.0).abs() < 0.01, "{edge:?}: {got} for {expected}");
         }
     }
+}
+
+/// Backs are black. Gathering points once left out the rays that met them, as if the rest of the view were there too.
+#[test]
+fn the_back_of_a_sheet_hides_what_is_behind_it_from_a_gathering_point() {
+    // Test 5.6 of CIE 171 with a black sheet half way up, its back to the ceiling; the sun comes in below it.
+    let mut world = World::from(cie::one_bounce(4.0));
+    let black = world.grey(0.0, 0.0);
+    world.quad("sheet", DVec3::new(1.5, 1.25, 1.5), DVec3::Y, DVec3::X, black);
+    let stage = world.build();
+    let mut bake = stage.bake(&options(24, 64));
+    let rays = 65536;
+    bake.set_reconstruct(Reconstruct::Gather, rays);
+
+    let (place, normal) = ([2.0, 1.75, 3.0], [0.0, 0.0, -1.0]);
+    let got = bake.irradiance(&[stage.point(place, normal)], &Silent).indirect[0].x as f64;
+    let square = |low: [f64; 2], edge: f64| {
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        corners.map(|[x, y]| DVec3::new(low[0] + edge * x, low[1] + edge * y, 0.0))
+    };
+    let share = |polygon: &[DVec3]| point_to_polygon(place.into(), normal.into(), polygon);
+    // The sheet's shadow from the point is twice as large as the sheet.
+    let seen = share(&square([0.0, 0.0], 4.0)) - share(&square([1.0, 0.75], 2.0));
+    // Of independent rays; those of a gather are spread evenly, and err by less.
+    let sigma = (seen * (1.0 - seen) / rays as f64).sqrt();
+    println!("{got} for {}, sigma {}", 100.0 * seen, 100.0 * sigma);
+    assert!((got - 100.0 * seen).abs() < 4.0 * 100.0 * sigma, "{got} for {}", 100.0 * seen);
 }

@@ -186,9 +186,11 @@ fn an_interrupted_bake_that_is_resumed_writes_the_same_bytes() {
 #[test]
 fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     let folder = tempfile::tempdir().unwrap();
+    // Most of its memory are form factors.
+    let many = ["--grid", "32", "--rays", "16384"];
     let bake_with = |name: &str, options: &[&str]| {
         let out = folder.path().join(name);
-        let output = bake(&out, &[&SECONDS[..], options].concat()).output().unwrap();
+        let output = bake(&out, &[&many[..], options].concat()).output().unwrap();
         (out, output)
     };
     let (free, output) = bake_with("free", &["--memory-limit", "100G"]);

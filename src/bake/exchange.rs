@@ -65,6 +65,12 @@ const PATCH_POINTS: usize = 1 << 19;
 const MOST_GAIN: f64 = 0.02;
 /// Share of the bright patches' power that may be lost on patches without rows.
 const MOST_LOST: f64 = 1e-4;
+/// Patches beside lamps are sampled again with so many times the samples,
+const BESIDE_SAMPLES: u32 = 8;
+/// at most so many,
+const MOST_SAMPLES: u32 = 65536;
+/// the brightest of them, one in so many of all patches: a quarter more rays at most.
+const BESIDE: usize = 32;
 /// A patch that is all but hidden is not trusted with more than this factor.
 const LEAST_SEEN: f32 = 0.05;
 
@@ -176,14 +182,39 @@ impl Exchange<'_> {
     }
 
     fn sampled(&self, lights: &LightSet, census: Option<&Census>) -> (Vec<Vec3>, u64) {
-        let known = Known { view: &|points| self.foresight.of_patch(points), skip: self.foresight.on, census };
-        let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
+        let patches = &self.simplified.patches;
+        let all: Vec<u32> = (0..patches.len() as u32).collect();
         let samples = self.options.patch_samples;
-        let (mut direct, mut rays) = (Vec::with_capacity(all.len()), 0);
-        self.progress.begin("direct light", all.len() as u64);
-        for block in all.chunks((PATCH_POINTS / samples as usize).max(1)) {
+        self.progress.begin("direct light", (all.len() + all.len() / BESIDE) as u64);
+        let (mut direct, beside, mut rays) = self.sample(lights, &all, samples, census);
+        // Of the light that is noisy, most is on few patches.
+        let power = |i: u32| patches.area[i as usize] * direct[i as usize].element_sum();
+        let mut again: Vec<u32> = all.into_iter().filter(|&i| beside[i as usize] && power(i) > 0.0).collect();
+        again.sort_by(|&a, &b| power(b).total_cmp(&power(a)).then(a.cmp(&b)));
+        again.truncate(patches.len() / BESIDE);
+        again.sort_unstable();
+        let (better, _, more) = self.sample(lights, &again, (samples * BESIDE_SAMPLES).min(MOST_SAMPLES), census);
+        self.progress.end();
+        rays += more;
+        again.into_iter().zip(better).for_each(|(i, e)| direct[i as usize] = e);
+        (direct, rays)
+    }
+
+    /// Irradiance of the patches `of`; which of them are beside lamps; and the rays it took.
+    fn sample(
+        &self,
+        lights: &LightSet,
+        of: &[u32],
+        samples: u32,
+        census: Option<&Census>,
+    ) -> (Vec<Vec3>, Vec<bool>, u64) {
+        let known = Known { view: &|points| self.foresight.of_patch(points), skip: self.foresight.on, census };
+        let (mut direct, mut beside) = (Vec::with_capacity(of.len()), Vec::with_capacity(of.len()));
+        let mut rays = 0;
+        for block in of.chunks((PATCH_POINTS / samples as usize).max(1)) {
             if self.progress.stopped() {
-                direct.resize(all.len(), Vec3::ZERO);
+                direct.resize(of.len(), Vec3::ZERO);
+                beside.resize(of.len(), false);
                 break;
             }
             let mut points = transfer::patch_points(self.simplified, block, samples, self.options.seed);
@@ -195,11 +226,11 @@ impl Exchange<'_> {
             let result = light::irradiance_where(lights, self.tracer, &points, per, samples, seed, &known);
             self.foresight.count(&result);
             direct.extend(result.irradiance);
+            beside.extend(light::beside_lamps(lights, &points, per));
             rays += result.rays;
             self.progress.advance(block.len() as u64);
         }
-        self.progress.end();
-        (direct, rays)
+        (direct, beside, rays)
     }
 }
 

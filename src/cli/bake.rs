@@ -2,11 +2,16 @@
 
 use std::path::PathBuf;
 
-use luxel::{Result, bake::Run, lxt::Cache};
+use luxel::{
+    Error, Goal, Result,
+    bake::{Bake, Run},
+    lxt::Cache,
+    output::atomic::Staged,
+};
 
 use super::{
-    args::{BakeArgs, Goals},
-    keeper::{Memory, Resume},
+    args::{BakeArgs, Goals, Job},
+    keeper::{Keeper, Memory, Resume},
     progress::{Style, Terminal},
     results::Results,
 };
@@ -44,18 +49,33 @@ pub fn run(args: &Args) -> Result<()> {
         if goal.target_error.is_none() && goal.budget.is_none() {
             args.resume.arm(&mut keeper, folder, scene, &job.options)?;
         }
-        let mut bake = match &cache {
-            Some(cache) => {
-                let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
-                cache.bake(scene, &job.options, &mut run)?
-            }
-            None => luxel::goal::bake_to_kept(scene, &job.options, &goal, &mut keeper, &progress)?,
-        };
-        keeper.tell(&mut bake);
-        args.results.write(scene, &mut bake, staged, &progress)?;
+        let baked = bake_and_write(args, &job, &goal, cache.as_ref(), staged, &mut keeper, &progress);
+        if let Err(Error::Interrupted(_)) = baked {
+            keeper.save();
+        }
+        let bake = baked?;
         keeper.finish()?;
         Ok(bake)
     })?;
     args.results.tell(scene, &bake, running);
     Ok(())
+}
+
+fn bake_and_write(
+    args: &Args,
+    job: &Job,
+    goal: &Goal,
+    cache: Option<&Cache>,
+    staged: Staged,
+    keeper: &mut Keeper,
+    progress: &Terminal,
+) -> Result<Bake> {
+    let (scene, options) = (&job.scene, &job.options);
+    let mut bake = match cache {
+        Some(cache) => cache.bake(scene, options, &mut Run { progress, keeper, deadline: None })?,
+        None => luxel::goal::bake_to_kept(scene, options, goal, keeper, progress)?,
+    };
+    keeper.tell(&mut bake);
+    args.results.write(scene, &mut bake, staged, progress)?;
+    Ok(bake)
 }

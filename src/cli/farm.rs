@@ -19,6 +19,8 @@ use super::{
     say, signals,
 };
 
+mod submit;
+
 #[derive(clap::Args, Debug)]
 pub struct Args {
     #[command(subcommand)]
@@ -35,6 +37,8 @@ enum Command {
     Status(StatusArgs),
     /// Put the shards together: the results of `luxel bake`, or the transfer file of `luxel prepare`, byte for byte
     Merge(MergeArgs),
+    /// Have a scheduler run the shards, and the merge behind them
+    Submit(submit::Args),
 }
 
 #[derive(clap::Args, Debug)]
@@ -105,6 +109,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Shard(args) => shard(args)?,
         Command::Status(args) => status(args)?,
         Command::Merge(args) => merge(args)?,
+        Command::Submit(args) => submit::run(args)?,
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -97,6 +97,13 @@ impl Keeper {
         bake.report.warnings.extend(self.warning.clone());
     }
 
+    /// Writes down what is not yet: the bake was interrupted.
+    pub fn save(&mut self) {
+        if let Some(Err(error)) = self.checkpoint.as_mut().map(Checkpoint::flush) {
+            signals::set_remedy(format!("the last form factors could not be written down: {error}"));
+        }
+    }
+
     /// The results are written: the checkpoint goes.
     ///
     /// # Errors

@@ -17,6 +17,7 @@ mod check;
 mod compare;
 mod farm;
 mod keeper;
+mod orbit;
 mod parse;
 mod points;
 mod prepare;

@@ -150,6 +150,11 @@ pub fn direction(text: &str) -> Parsed<DVec3> {
     if d == DVec3::ZERO { Err("a direction cannot be 0,0,0".into()) } else { Ok(d) }
 }
 
+/// `X,Y,Z`, a position.
+pub fn place(text: &str) -> Parsed<DVec3> {
+    triple(text, "X,Y,Z")
+}
+
 /// `X,Y,Z:R,G,B`, a direction with a colour.
 pub fn sun(text: &str) -> Parsed<(DVec3, Vec3)> {
     let (d, rgb) = halves(text, ':', "X,Y,Z:R,G,B")?;

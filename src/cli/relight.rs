@@ -10,8 +10,10 @@ use luxel::{
 
 use super::{
     args::{Lights, Running, on_threads},
+    orbit::Orbit,
     progress::{Style, Terminal},
     results::Results,
+    say,
 };
 
 #[derive(clap::Args, Debug)]
@@ -23,6 +25,8 @@ pub struct Args {
     results: Results,
     #[command(flatten)]
     lights: Lights,
+    #[command(flatten)]
+    orbit: Orbit,
     /// Leave out the lights in the file that are no surfaces
     #[arg(long, help_heading = "Lights and materials")]
     replace_lights: bool,
@@ -33,16 +37,24 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(args.running.quiet, args.running.json_progress));
-    let (scene, bake) = on_threads(args.running.threads, || {
+    let done = on_threads(args.running.threads, || {
         let transfer = Transfer::open(&args.file)?;
         let scene = transfer.scene(&args.lights.overrides(None), args.replace_lights)?;
         let mut kept = transfer.kept(&scene)?;
         let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
         let mut bake = bake::bake_with(&scene, transfer.options(), &mut kept, &mut run)?;
         bake.report.rows.from = Some(args.file.display().to_string());
+        if let Some(frames) = args.orbit.frames() {
+            args.orbit.write(frames, (&scene, bake, &kept.rows), &args.results, staged, &progress)?;
+            return Ok(None);
+        }
         args.results.write(&scene, &mut bake, staged, &progress)?;
-        Ok((scene, bake))
+        Ok(Some((scene, bake)))
     })?;
-    args.results.tell(&scene, &bake, &args.running);
+    match done {
+        Some((scene, bake)) => args.results.tell(&scene, &bake, &args.running),
+        None if args.running.quiet || args.running.json_progress => {}
+        None => say(&format!("{:<14}{}\n", "written to", args.results.folder().display())),
+    }
     Ok(())
 }

@@ -36,21 +36,21 @@ pub struct Results {
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
     #[command(flatten)]
-    picture: Picture,
+    pub picture: Picture,
 }
 
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "Preview")]
-struct Picture {
+pub struct Picture {
     /// Make no pictures
     #[arg(long)]
     no_preview: bool,
     /// Pixels of the pictures
     #[arg(long, value_name = "WxH", value_parser = parse::size, default_value = "640x480")]
-    preview_size: (u32, u32),
+    pub preview_size: (u32, u32),
     /// Factor on radiance, for pictures and colours; without it one is chosen that makes the brightest 2 % white
     #[arg(long, value_name = "X", value_parser = parse::positive_f32, allow_hyphen_values = true)]
-    exposure: Option<f32>,
+    pub exposure: Option<f32>,
     /// Position and target of the camera, instead of the scene's or an automatic one
     #[arg(long, value_name = "X,Y,Z:X,Y,Z", value_parser = parse::view, allow_hyphen_values = true)]
     camera: Option<(DVec3, DVec3)>,
@@ -116,7 +116,7 @@ impl Results {
 
 impl Picture {
     /// The camera: that of the arguments, else the scene's, else an automatic one.
-    fn camera(&self, scene: &Scene, bake: &Bake) -> Camera {
+    pub fn camera(&self, scene: &Scene, bake: &Bake) -> Camera {
         let up = self.up.or(scene.camera.map(|c| c.up)).unwrap_or(DVec3::Y);
         let own = scene.camera.map(|c| Camera { up, vertical_fov: self.fov.unwrap_or(c.vertical_fov), ..c });
         let given = self.camera.map(|(position, target)| Camera {

@@ -5,6 +5,7 @@
 //! so that the difference of the two solutions tells of the size of the patches and hardly of noise.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::patches::Field;
 use crate::{
@@ -51,6 +52,7 @@ impl Coarse {
         let index = PatchIndex::new(&simplified.patches, grid);
         let patches = bake.patches();
         let parent: Vec<u32> = (0..patches.len())
+            .into_par_iter()
             .map(|i| match bake.options.patches {
                 PatchSource::Surfels => same_surface(&bake.simplified, &simplified, i),
                 _ => nearest(bake, &simplified, &index, i),

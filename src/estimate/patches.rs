@@ -90,24 +90,34 @@ fn interpolated(
     variance
 }
 
-/// Of light that points gather by rays of their own, where they do: by other rays, and from coarse patches.
+/// Of bakes whose points gather by rays of their own where they are in doubt, or everywhere.
 fn gathered(bake: &Bake, field: &Field, light: &CoarseLight, points: &[SurfacePoint], variance: &mut Variance) {
     let own = bake.interpolate(points, field.received, field.sent);
     let fitted = reconstruct::interpolate(&bake.field(field.received, field.sent), Reconstruct::Smooth, points);
     let everywhere = bake.options.reconstruct == Reconstruct::Gather;
     // Where points do not gather, light is that of the fit to the bit.
-    let asking: Vec<usize> = (0..points.len()).filter(|&k| everywhere || own[k] != fitted[k]).collect();
-    let places: Vec<SurfacePoint> = asking.iter().map(|&k| points[k]).collect();
+    let (asking, sure): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|&k| everywhere || own[k] != fitted[k]);
+    let gather = |of: &[usize], sent: &[Vec3], random: u64| {
+        let places: Vec<SurfacePoint> = of.iter().map(|&k| points[k]).collect();
+        let mut field = bake.field(field.received, sent);
+        field.senders.iter_mut().for_each(|s| s.seed ^= random);
+        reconstruct::interpolate(&field, Reconstruct::Gather, &places)
+    };
+    let off = |k: usize, e: Vec3| luminance(own[k] - e) as f64;
 
-    let mut other = bake.field(field.received, field.sent);
-    other.senders.iter_mut().for_each(|s| s.seed ^= AGAIN);
-    let other = reconstruct::interpolate(&other, Reconstruct::Gather, &places);
+    // Where they do: by other rays, and from coarse patches.
+    let other = gather(&asking, field.sent, AGAIN);
     let sent: Vec<Vec3> = light.sent.iter().map(|b| vec3(*b)).collect();
-    let coarse = reconstruct::interpolate(&bake.field(field.received, &sent), Reconstruct::Gather, &places);
+    let coarse = gather(&asking, &sent, 0);
     for (n, &k) in asking.iter().enumerate() {
-        let square = |e: Vec3| (luminance(own[k] - e) as f64).powi(2);
-        variance.rows[k] = 0.5 * square(other[n]);
-        variance.detail[k] = detail_of(square(coarse[n]));
+        variance.rows[k] = 0.5 * off(k, other[n]).powi(2);
+        variance.detail[k] = detail_of(off(k, coarse[n]).powi(2));
+    }
+    // Where they do not, two gathers tell what the fit is off: their noise is independent, so that it has no share in the
+    // mean of the product. That of the rows has, and is told apart.
+    let (one, other) = (gather(&sure, field.sent, 0), gather(&sure, field.sent, AGAIN));
+    for (n, &k) in sure.iter().enumerate() {
+        variance.detail[k] = off(k, one[n]) * off(k, other[n]) - variance.rows[k];
     }
 }
 

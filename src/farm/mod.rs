@@ -13,6 +13,7 @@
 //! | `shard-K.lxt` | the rows of shard K, whole or not there |
 //! | `shard-K.checkpoint` | rows of shard K while it is cast |
 //! | `.shard-K.lock` | who casts it |
+//! | `array.sbatch`, `merge.sbatch`, `logs/` | jobs of Slurm, and what they say ([`submit`]) |
 //!
 //! The first two are [containers](crate::lxt::Container), the third is a [checkpoint](crate::lxt::Checkpoint).
 
@@ -20,7 +21,9 @@ mod balance;
 mod merge;
 mod plan;
 mod shard;
+mod slurm;
 mod status;
+pub mod submit;
 
 pub use balance::Division;
 pub use plan::{Part, Plan};

@@ -16,9 +16,10 @@ struct Emitter {
     both_sides: bool,
 }
 
-/// All lamps of the scene's surfaces, in the order of its triangles.
-pub(super) fn lamps(scene: &Scene) -> Vec<Lamp> {
-    let emitters: Vec<Emitter> = (0..scene.triangles.len()).filter_map(|t| emitter(scene, t)).collect();
+/// The lamps of those of the scene's triangles that are `asked` for, in their order.
+pub(super) fn lamps(scene: &Scene, asked: impl Fn(usize) -> bool) -> Vec<Lamp> {
+    let emitters: Vec<Emitter> =
+        (0..scene.triangles.len()).filter(|&t| asked(t)).filter_map(|t| emitter(scene, t)).collect();
 
     let mut by_edge: HashMap<[[u32; 3]; 2], Vec<u32>> = HashMap::new();
     for (i, e) in emitters.iter().enumerate() {

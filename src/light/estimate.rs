@@ -23,6 +23,12 @@ pub(super) const CUT: usize = 32;
 /// Rays that a lamp or group gets at least.
 const LEAST: usize = 4;
 
+/// Lamps within so many radii of a patch get all samples: a part of the patch says nothing of the rest.
+const NEAR: f32 = 2.0;
+
+/// Points of a receiver that tell what a lamp may give it: the first of a Sobol sequence lie well apart.
+const ASKED: usize = 4;
+
 /// Rays traced in one call, about.
 const BATCH: usize = 4096;
 
@@ -110,7 +116,7 @@ struct Scratch {
     occluded: Vec<bool>,
     groups: Vec<Group>,
     cut: Vec<Branch>,
-    /// Of every lamp of the cut, then of the suns, the unshadowed irradiance by unit colour at the middle point; of every
+    /// Of every lamp of the cut, then of the suns, the unshadowed irradiance by unit colour at the first points; of every
     /// branch its importance.
     expected: Vec<f64>,
     receivers: u32,
@@ -169,8 +175,11 @@ impl Work<'_> {
         cut.extend(lights.tree.root(&ball));
         lights.tree.refine(&mut cut, CUT, &ball);
 
-        let middle = &points[points.len() / 2];
-        let of_lamp = |lamp: u32| lights.lamps[lamp as usize].unshadowed(middle);
+        let some = &points[..points.len().min(ASKED)];
+        let of_lamp = |lamp: u32| {
+            let lamp = &lights.lamps[lamp as usize];
+            some.iter().map(|x| lamp.unshadowed(x)).sum::<f64>() / some.len() as f64
+        };
         expected.extend(cut.iter().map(|&b| lights.tree.lamp(b).map_or(b.importance as f64, of_lamp)));
         expected.extend(lights.suns.iter().map(|&s| of_lamp(s)));
         // What a branch expects has its lamps' colours in it already.
@@ -183,7 +192,9 @@ impl Work<'_> {
         for (i, &value) in expected.iter().enumerate() {
             let share = if total > 0.0 { weight(i, value) / total } else { 0.0 };
             let all = self.numbers.len();
+            let near = points.len() > 1 && cut.get(i).is_some_and(|&b| lights.tree.is_near(b, &ball, NEAR));
             let n = ((share * all as f64).round() as usize).next_power_of_two().max(LEAST).min(all);
+            let n = if near { all } else { n };
             let shift = sampling::hash(&[identity, i as u64]);
             let lamp = cut.get(i).map_or_else(|| Some(lights.suns[i - cut.len()]), |&b| lights.tree.lamp(b));
             match lamp {
@@ -195,7 +206,7 @@ impl Work<'_> {
             // The tree gave up lamps that face away.
             let missing = |lamp: &u32| !cut.iter().any(|&b| lights.tree.lamp(b) == Some(*lamp));
             for lamp in (0..lights.lamps.len() as u32).filter(|l| !lights.suns.contains(l)).filter(missing) {
-                self.emit_away(lamp, middle);
+                self.emit_away(lamp, &points[0]);
                 self.scratch.close(Sum::Share(Vec3::ZERO, lamp));
             }
         }
@@ -203,8 +214,8 @@ impl Work<'_> {
         self.scratch.expected = expected;
     }
 
-    /// `n` rays to one lamp: its exact irradiance (`at_middle` by unit colour) times the share of it that arrives.
-    fn emit_lamp(&mut self, id: u32, at_middle: f64, points: &[SurfacePoint], n: usize, shift: u64) {
+    /// `n` rays to one lamp: its exact irradiance (of a single point `expected`, by unit colour) times the share of it that arrives.
+    fn emit_lamp(&mut self, id: u32, expected: f64, points: &[SurfacePoint], n: usize, shift: u64) {
         let lamp = &self.lights.lamps[id as usize];
         let mut unshadowed = 0.0;
         if self.lights.is_dark(id) {
@@ -212,7 +223,7 @@ impl Work<'_> {
             return;
         }
         if let [x] = points {
-            unshadowed = at_middle;
+            unshadowed = expected;
             if unshadowed == 0.0 {
                 self.emit_away(id, x);
                 return self.scratch.close(Sum::Share(Vec3::ZERO, id));

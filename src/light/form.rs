@@ -80,19 +80,43 @@ pub(super) fn far_polygon(corners: &[DVec3], normal: DVec3) -> f64 {
         let r2 = y.length_squared();
         normal.dot(y) * cross.dot(y) / (r2 * r2)
     };
-    let sum = if corners.len() == 4 {
-        // Gauss-Legendre on 0 ..= 1, three nodes: (1 -+ sqrt(3/5)) / 2.
-        const A: f64 = 0.112_701_665_379_258_3;
-        const NODES: [(f64, f64); 3] = [(A, 5.0 / 18.0), (0.5, 8.0 / 18.0), (1.0 - A, 5.0 / 18.0)];
-        NODES.iter().map(|&(s, ws)| NODES.iter().map(|&(t, wt)| wt * at(s, t)).sum::<f64>() * ws).sum()
-    } else {
-        const A: f64 = 0.445_948_490_915_965;
-        const B: f64 = 0.091_576_213_509_771;
-        let inner = at(A, A) + at(A, 1.0 - 2.0 * A) + at(1.0 - 2.0 * A, A);
-        let outer = at(B, B) + at(B, 1.0 - 2.0 * B) + at(1.0 - 2.0 * B, B);
-        0.5 * (0.223_381_589_678_011 * inner + 0.109_951_743_655_322 * outer)
-    };
+    let area = if corners.len() == 4 { 1.0 } else { 0.5 };
+    let sum = area * nodes(corners.len()).iter().map(|&(s, t, share)| share * at(s, t)).sum::<f64>();
     bounded(sum.abs())
+}
+
+/// The quadrature of [`far_polygon`] over a triangle (3 corners) or parallelogram (4): places (s, t) along the two edges at
+/// the first corner, and shares of the area.
+pub(super) fn nodes(corners: usize) -> &'static [(f64, f64, f64)] {
+    // Gauss-Legendre on 0 ..= 1, three nodes: (1 -+ sqrt(3/5)) / 2.
+    const A: f64 = 0.112_701_665_379_258_3;
+    const C: f64 = 1.0 - A;
+    const SIDE: f64 = 40.0 / 324.0;
+    const CORNER: f64 = 25.0 / 324.0;
+    const SQUARE: [(f64, f64, f64); 9] = [
+        (A, A, CORNER),
+        (A, 0.5, SIDE),
+        (A, C, CORNER),
+        (0.5, A, SIDE),
+        (0.5, 0.5, 64.0 / 324.0),
+        (0.5, C, SIDE),
+        (C, A, CORNER),
+        (C, 0.5, SIDE),
+        (C, C, CORNER),
+    ];
+    const D: f64 = 0.445_948_490_915_965;
+    const E: f64 = 0.091_576_213_509_771;
+    const INNER: f64 = 0.223_381_589_678_011;
+    const OUTER: f64 = 0.109_951_743_655_322;
+    const TRIANGLE: [(f64, f64, f64); 6] = [
+        (D, D, INNER),
+        (D, 1.0 - 2.0 * D, INNER),
+        (1.0 - 2.0 * D, D, INNER),
+        (E, E, OUTER),
+        (E, 1.0 - 2.0 * E, OUTER),
+        (1.0 - 2.0 * E, E, OUTER),
+    ];
+    if corners == 4 { &SQUARE } else { &TRIANGLE }
 }
 
 /// How many radii away [`far_polygon`] holds.

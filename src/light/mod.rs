@@ -11,24 +11,30 @@ use glam::Vec3;
 use crate::{Scene, scene::Light};
 
 mod aim;
+mod beside;
 mod bright;
 mod emitters;
 mod estimate;
 mod form;
 mod known;
 mod lamp;
+mod lanes;
 mod numbers;
+mod parts;
 mod power;
 mod sky;
 mod spherical;
+mod stream;
 mod tree;
 
+pub use beside::beside_lamps;
 pub use bright::Bright;
 pub use estimate::{irradiance, irradiance_where};
 pub use known::{Census, Known, Spared, View};
 use lamp::{Lamp, Polygon, Shape};
 pub use power::LampPower;
 use sky::{Map, Sky};
+pub(crate) use stream::irradiance_of_few;
 use tree::Tree;
 
 /// The lights of a scene, prepared: emissive triangles and [`Scene::lights`], in the local frame.
@@ -59,7 +65,7 @@ pub struct DirectResult {
 impl LightSet {
     /// Prepares the lights of `scene`. Lights that are black, without extent or not finite are left out.
     pub fn new(scene: &Scene) -> LightSet {
-        let mut lamps = emitters::lamps(scene);
+        let mut lamps = emitters::lamps(scene, |_| true);
         lamps.extend(scene.lights.iter().filter_map(Lamp::new));
         let mut sky = Sky::default();
         for light in &scene.lights {

@@ -36,6 +36,15 @@ impl Numbers {
         [unit(u ^ shift as u32), unit(v ^ (shift >> 32) as u32), unit(pick ^ (shift >> 16) as u32)]
     }
 
+    /// u and v of all samples for whoever has `shift`.
+    pub fn shift_all(&self, shift: u64, u: &mut [f32], v: &mut [f32]) {
+        // Signed integers convert in one vector instruction, unsigned ones do not.
+        let unit = |bits: u32| (bits >> 8) as i32 as f32 * (1.0 / 16_777_216.0);
+        for ((u, v), bits) in u.iter_mut().zip(v).zip(&self.of_sample) {
+            (*u, *v) = (unit(bits[0] ^ shift as u32), unit(bits[1] ^ (shift >> 32) as u32));
+        }
+    }
+
     /// Random bits that depend on where a receiver is, not on its place in a list: equal points get equal light.
     pub fn identity(&self, x: &SurfacePoint) -> u64 {
         // Adding zero makes -0 equal to 0.

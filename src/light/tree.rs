@@ -17,6 +17,8 @@ pub(super) struct Tree {
 #[derive(Clone, Copy, Debug)]
 struct Node {
     centre: Vec3,
+    /// Half of the edges of the box.
+    half: Vec3,
     radius: f32,
     axis: Vec3,
     cos_spread: f32,
@@ -66,7 +68,12 @@ impl Ball {
 pub(super) struct Branch {
     node: u32,
     pub importance: f32,
+    /// What it gives if all of it is as near as its nearest lamp may be; known in a cut.
+    peak: f32,
 }
+
+/// The nearest lamp of a node is taken for no nearer than so many radii of the node.
+const NEAREST: f32 = 0.1;
 
 impl Tree {
     /// Over the lamps that have bounds.
@@ -109,7 +116,7 @@ impl Tree {
 
     fn branch(&self, node: u32, receiver: &Ball) -> Option<Branch> {
         let importance = self.nodes.get(node as usize)?.importance(receiver);
-        (importance > 0.0).then_some(Branch { node, importance })
+        (importance > 0.0).then_some(Branch { node, importance, peak: f32::INFINITY })
     }
 
     /// The lamp, if the branch is a single one.
@@ -120,21 +127,46 @@ impl Tree {
         }
     }
 
+    /// Whether some of the branch may lie within so many `radii` of the receiver.
+    pub fn is_near(&self, branch: Branch, receiver: &Ball, radii: f32) -> bool {
+        self.nodes[branch.node as usize].distance(receiver.centre) <= radii * receiver.radius
+    }
+
+    /// Whether some lamp that may give light lies within so many `radii` of the receiver.
+    pub fn has_near(&self, receiver: &Ball, radii: f32) -> bool {
+        let mut open: Vec<Branch> = self.root(receiver).into_iter().collect();
+        while let Some(branch) = open.pop() {
+            if !self.is_near(branch, receiver, radii) {
+                continue;
+            }
+            match self.nodes[branch.node as usize].content {
+                Content::Lamp(_) => return true,
+                Content::Children(first) => open.extend(self.children(first, receiver).into_iter().flatten()),
+            }
+        }
+        false
+    }
+
     fn children(&self, first: u32, receiver: &Ball) -> [Option<Branch>; 2] {
         [self.branch(first, receiver), self.branch(first + 1, receiver)]
     }
 
-    /// Splits the most important branches of `cut` until it holds `limit` of them or only lamps. Branches that give
-    /// nothing leave it.
+    /// Splits the branches of `cut` that may hold the brightest lamps until it holds `limit` of them or only lamps.
+    /// Branches that give nothing leave it.
+    ///
+    /// By their importance alone wide branches around the receiver would stay whole: the lamp next to it would be picked
+    /// hardly ever, and outshine everything when it is.
     pub fn refine(&self, cut: &mut Vec<Branch>, limit: usize, receiver: &Ball) {
         while cut.len() < limit {
             let widest = (0..cut.len())
                 .filter(|&i| self.lamp(cut[i]).is_none())
-                .max_by(|&i, &j| cut[i].importance.total_cmp(&cut[j].importance).then(j.cmp(&i)));
+                .max_by(|&i, &j| cut[i].peak.total_cmp(&cut[j].peak).then(j.cmp(&i)));
             let Some(i) = widest else { return };
             let branch = cut.swap_remove(i);
             if let Content::Children(first) = self.nodes[branch.node as usize].content {
-                cut.extend(self.children(first, receiver).into_iter().flatten());
+                let peak = |b: Branch| self.nodes[b.node as usize].peak(receiver, b.importance);
+                let children = self.children(first, receiver).into_iter().flatten();
+                cut.extend(children.map(|b| Branch { peak: peak(b), ..b }));
             }
         }
     }
@@ -171,6 +203,7 @@ impl Node {
     /// Holds a place until its children are known.
     const EMPTY: Node = Node {
         centre: Vec3::ZERO,
+        half: Vec3::ZERO,
         radius: 0.0,
         axis: Vec3::ZERO,
         cos_spread: 1.0,
@@ -183,6 +216,7 @@ impl Node {
         let (sin, cos) = b.spread.sin_cos();
         Node {
             centre: 0.5 * (b.low + b.high),
+            half: 0.5 * (b.high - b.low),
             // Slightly more, so that rounding cannot leave a lamp outside.
             radius: 0.5 * (b.high - b.low).length() * 1.000_01,
             axis: b.axis,
@@ -224,6 +258,19 @@ impl Node {
             return 0.0;
         }
         bounded(self.strength * at_receiver.max(1e-3) * at_light.max(1e-3) / d2)
+    }
+
+    /// The importance that the node would have if all of it were at the end of it that is next to the receiver.
+    fn peak(&self, receiver: &Ball, importance: f32) -> f32 {
+        let d2 = self.centre.distance_squared(receiver.centre);
+        let radius = self.radius + receiver.radius;
+        let nearest = (self.distance(receiver.centre) - receiver.radius).max(NEAREST * self.radius);
+        bounded(importance * d2.max(0.25 * radius * radius) / (nearest * nearest).max(f32::MIN_POSITIVE))
+    }
+
+    /// Distance of a place from the box.
+    fn distance(&self, place: Vec3) -> f32 {
+        ((place - self.centre).abs() - self.half).max(Vec3::ZERO).length()
     }
 }
 

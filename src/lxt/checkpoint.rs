@@ -249,11 +249,13 @@ impl Checkpoint {
     }
 }
 
-/// What was cast until an error, or until an end was asked for, is not lost.
+/// What was cast until an error is not lost, if some of it was written already.
 impl Drop for Checkpoint {
     fn drop(&mut self) {
-        // There is nobody to tell; what was written before is there.
-        self.flush().ok();
+        if self.file.is_some() {
+            // There is nobody to tell; what was written before is there.
+            self.flush().ok();
+        }
     }
 }
 
@@ -331,6 +333,7 @@ mod tests {
             assert!((0..).zip(rows.blocks()).all(|(patch, b)| *b == block(patch)));
             // What is added goes behind the whole frames.
             torn.add(&block(50), false).unwrap();
+            torn.flush().unwrap();
             drop(torn);
             assert_eq!(Checkpoint::rows_in(&path).unwrap(), blocks + 1);
             let rows = resumed(&mut checkpoint(folder.path(), &options)).unwrap();
@@ -367,7 +370,7 @@ mod tests {
         let mut first = checkpoint(folder.path(), &BakeOptions::default());
         first.add(&block(1), false).unwrap();
         first.add(&block(2), true).unwrap();
-        drop(first);
+        first.flush().unwrap();
         let (mut rows, mut again) = (Rows::new(100), Rows::new(100));
         let found = checkpoint(folder.path(), &BakeOptions::default()).resume(&mut rows, Some(&mut again)).unwrap();
         assert_eq!(Checkpoint::rows_in(&folder.path().join("checkpoint")).unwrap(), 1);
@@ -379,7 +382,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut first = checkpoint(folder.path(), &BakeOptions::default());
         first.add(&block(1), false).unwrap();
-        drop(first);
+        first.flush().unwrap();
         let other = BakeOptions { rays: 512, seed: 3, point_samples: 7, ..BakeOptions::default() };
         let message = resumed(&mut checkpoint(folder.path(), &other)).unwrap_err().to_string();
         assert!(message.contains("rays 256 there, 512 here; seed 0 there, 3 here;"), "{message}");
@@ -404,10 +407,13 @@ mod tests {
         let count = || fs::read_dir(folder.path()).unwrap().count();
         let mut short = checkpoint(folder.path(), &BakeOptions::default());
         short.add(&block(1), false).unwrap();
+        drop(short);
         assert_eq!(count(), 0);
-        short.flush().unwrap();
+        let mut long = checkpoint(folder.path(), &BakeOptions::default());
+        long.add(&block(1), false).unwrap();
+        long.flush().unwrap();
         assert_eq!(count(), 1);
-        short.remove().unwrap();
+        long.remove().unwrap();
         assert_eq!(count(), 0);
     }
 }

@@ -1,6 +1,7 @@
 //! From patches back to vertices and points (step 5 of the paper, and a better one).
 
 mod edges;
+mod factors;
 mod gather;
 mod index;
 mod level;
@@ -9,6 +10,7 @@ mod smooth;
 mod stencils;
 
 pub use edges::clear_of_walls;
+pub use factors::Factors;
 pub use gather::Senders;
 pub use index::PatchIndex;
 pub use level::Level;

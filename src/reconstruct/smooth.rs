@@ -64,6 +64,32 @@ pub fn interpolate(field: &Field, points: &[SurfacePoint]) -> Vec<Fit> {
         .collect()
 }
 
+/// What [`interpolate`] takes from each neighbour of a point, as (patch, factor) of one point after the other, and where
+/// those of each end: the value of the fit is their sum, before it is kept within what they say. The factors sum to 1; there
+/// are none where a point is not sound. The field's values are not looked at.
+pub fn factors(field: &Field, points: &[SurfacePoint]) -> (Vec<(u32, f32)>, Vec<usize>) {
+    let h = field.simplified.grid.voxel_size as f32;
+    let (ends, neighbours) = neighbours(field, points);
+    let (mut all, mut of_point) = (Vec::with_capacity(neighbours.len()), Vec::with_capacity(points.len()));
+    let mut begin = 0;
+    for (point, end) in points.iter().zip(ends) {
+        let own = &neighbours[begin as usize..end as usize];
+        begin = end;
+        match plane(field, point, own, h) {
+            Some(plane) => {
+                let factor = |n: &Neighbour| {
+                    let w = n.weight as f64 * plane.at_point.dot(basis(field, point, &plane, n, h));
+                    (n.patch, w as f32)
+                };
+                all.extend(own.iter().filter(|n| n.weight > 0.0).map(factor));
+            }
+            None => all.extend(nearest4::factors(field, point)),
+        }
+        of_point.push(all.len());
+    }
+    (all, of_point)
+}
+
 /// Patches that each point sees on its own surface, and where those of each point end; those that it does not see have
 /// no weight.
 pub fn neighbours(field: &Field, points: &[SurfacePoint]) -> (Vec<u32>, Vec<Neighbour>) {
@@ -160,27 +186,24 @@ fn drop_hidden(field: &Field, points: &[SurfacePoint], ends: &[Run], h: f32, nei
     }
 }
 
+/// The normal equations of a fit in the tangent plane of a point.
+struct Plane {
+    tangents: (Vec3, Vec3),
+    /// First row of the inverse of the normal matrix: what makes the value at the point of the right-hand side.
+    at_point: DVec3,
+    /// How far to one side of the point the neighbours lie, in voxels.
+    lopsided: f64,
+}
+
 /// Weighted linear least squares in the tangent plane; `None` without neighbours.
-fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) -> Option<Fit> {
-    let (t, b) = sampling::frame(point.normal);
+fn plane(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) -> Option<Plane> {
+    let mut plane = Plane { tangents: sampling::frame(point.normal), at_point: DVec3::ZERO, lopsided: 0.0 };
     let mut normal_matrix = DMat3::ZERO;
-    let mut right = [DVec3::ZERO; 3];
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let mut moment = DVec3::ZERO;
     for n in neighbours.iter().filter(|n| n.weight > 0.0) {
-        let j = n.patch as usize;
-        let to = (field.patches().centroid[j] - point.position) / h;
-        let basis = DVec3::new(1.0, to.dot(t) as f64, to.dot(b) as f64);
-        let w = n.weight as f64;
-        let value = field.values[j];
-        normal_matrix += DMat3::from_cols(basis * basis.x, basis * basis.y, basis * basis.z) * w;
-        for c in 0..3 {
-            right[c] += basis * (w * value[c] as f64);
-        }
-        low = low.min(value);
-        high = high.max(value);
-        moment += basis * w;
+        let basis = basis(field, point, &plane, n, h);
+        normal_matrix += DMat3::from_cols(basis * basis.x, basis * basis.y, basis * basis.z) * n.weight as f64;
     }
+    let moment = normal_matrix.x_axis;
     let weights = moment.x;
     if weights <= 1e-6 {
         return None;
@@ -188,16 +211,43 @@ fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) ->
     // A weak pull of the slopes to zero: few or collinear neighbours make no wild slopes.
     normal_matrix.y_axis.y += RIDGE * weights;
     normal_matrix.z_axis.z += RIDGE * weights;
-    let inverse = normal_matrix.inverse();
-    let value = Vec3::from_array(std::array::from_fn(|c| (inverse * right[c]).x as f32));
-    // Half the range of the neighbours beyond them is what a corner of a room asks for.
+    plane.at_point = normal_matrix.inverse().row(0);
+    plane.lopsided = DVec2::new(moment.y, moment.z).length() / weights;
+    Some(plane)
+}
+
+/// One, and where the neighbour lies in the tangent plane, in voxels.
+fn basis(field: &Field, point: &SurfacePoint, plane: &Plane, n: &Neighbour, h: f32) -> DVec3 {
+    let to = (field.patches().centroid[n.patch as usize] - point.position) / h;
+    DVec3::new(1.0, to.dot(plane.tangents.0) as f64, to.dot(plane.tangents.1) as f64)
+}
+
+/// The value of the fitted plane at the point, kept within what the neighbours say; `None` without neighbours.
+fn fit(field: &Field, point: &SurfacePoint, neighbours: &[Neighbour], h: f32) -> Option<Fit> {
+    let plane = plane(field, point, neighbours, h)?;
+    let mut right = [DVec3::ZERO; 3];
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for n in neighbours.iter().filter(|n| n.weight > 0.0) {
+        let basis = basis(field, point, &plane, n, h);
+        let value = field.values[n.patch as usize];
+        for c in 0..3 {
+            right[c] += basis * (n.weight as f64 * value[c] as f64);
+        }
+        low = low.min(value);
+        high = high.max(value);
+    }
+    let value = Vec3::from_array(std::array::from_fn(|c| plane.at_point.dot(right[c]) as f32));
+    let value = within(value, low, high);
+    let (spread, level) = ((high - low).element_sum(), value.element_sum());
+    let doubt = plane.lopsided as f32 + if spread > 0.0 { spread / level } else { 0.0 };
+    Some(Fit { value, doubt })
+}
+
+/// A fitted value kept within what the neighbours say. Half their range beyond them is what a corner of a room asks for.
+pub fn within(value: Vec3, low: Vec3, high: Vec3) -> Vec3 {
     let margin = 0.5 * (high - low);
     let value = value.clamp((low - margin).max(Vec3::ZERO), high + margin);
-    let value = if value.is_finite() { value } else { low };
-    let (spread, level) = ((high - low).element_sum(), value.element_sum());
-    let lopsided = DVec2::new(moment.y, moment.z).length() / weights;
-    let doubt = lopsided as f32 + if spread > 0.0 { spread / level } else { 0.0 };
-    Some(Fit { value, doubt })
+    if value.is_finite() { value } else { low }
 }
 
 /// Ridge on the slopes, in units of value per voxel.

@@ -140,6 +140,59 @@ impl WorldLight {
         }
     }
 
+    /// What kind of light it is, for messages.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            WorldLight::Rectangle { .. } => "rectangle",
+            WorldLight::Disc { .. } => "disc",
+            WorldLight::Point { .. } => "point",
+            WorldLight::Spot { .. } => "spot",
+            WorldLight::Sun { .. } => "sun",
+            WorldLight::Sky { .. } => "sky",
+            WorldLight::Environment(_) => "environment",
+        }
+    }
+
+    /// A light of the local frame in world coordinates.
+    pub fn of_local(light: &Light, frame: &Frame) -> WorldLight {
+        let vector = |v: &Vec3| v.as_dvec3() * frame.scale;
+        let point = |i: &Vec3| (i.as_dvec3() * (frame.scale * frame.scale)).as_vec3();
+        let degrees = |cos: f32| (cos as f64).clamp(-1.0, 1.0).acos().to_degrees();
+        match light {
+            Light::Rectangle { corner, edge_u, edge_v, radiance } => WorldLight::Rectangle {
+                corner: frame.to_world(*corner),
+                edge_u: vector(edge_u),
+                edge_v: vector(edge_v),
+                radiance: *radiance,
+            },
+            Light::Disc { centre, normal, radius, radiance } => WorldLight::Disc {
+                centre: frame.to_world(*centre),
+                normal: normal.as_dvec3(),
+                radius: *radius as f64 * frame.scale,
+                radiance: *radiance,
+            },
+            Light::Point { position, intensity, range } => WorldLight::Point {
+                position: frame.to_world(*position),
+                intensity: point(intensity),
+                range: *range as f64 * frame.scale,
+            },
+            Light::Spot { position, direction, intensity, cos_inner, cos_outer, range } => WorldLight::Spot {
+                position: frame.to_world(*position),
+                direction: direction.as_dvec3(),
+                intensity: point(intensity),
+                inner: degrees(*cos_inner),
+                // The cosine of 90 degrees is a little below zero in f32.
+                outer: degrees(*cos_outer).min(90.0),
+                range: *range as f64 * frame.scale,
+            },
+            Light::Sun { direction, irradiance } => {
+                WorldLight::Sun { direction: direction.as_dvec3(), irradiance: *irradiance }
+            }
+            Light::Sky { radiance } => WorldLight::Sky { radiance: *radiance },
+            Light::Environment(e) => WorldLight::Environment(e.clone()),
+        }
+    }
+
     /// The light in the local frame.
     pub(crate) fn to_local(&self, frame: &Frame) -> Light {
         let unit = |d: &DVec3| d.normalize_or(DVec3::NEG_Y).as_vec3();

@@ -42,6 +42,32 @@ pub struct SplitMesh {
     pub samples: Vec<SurfacePoint>,
 }
 
+impl SplitMesh {
+    /// Albedo at the vertices anew: the materials of `scene` have changed.
+    pub fn recolour(&mut self, scene: &Scene) {
+        let mut sums = vec![(Vec3::ZERO, 0.0_f32); self.positions.len()];
+        for (triangle, &source) in self.triangles.iter().zip(&self.source) {
+            let corners = scene.corners_of(source as usize);
+            for &v in triangle {
+                let (u, w) = barycentric(&corners, self.positions[v as usize]);
+                let sum = &mut sums[v as usize];
+                sum.0 += scene.albedo(source as usize, u, w);
+                sum.1 += 1.0;
+            }
+        }
+        self.albedo = sums.iter().map(|(albedo, count)| albedo / count.max(1.0)).collect();
+    }
+}
+
+/// Barycentric weights of the second and third corner of a triangle at `p` in its plane, within it.
+fn barycentric([a, b, c]: &[Vec3; 3], p: Vec3) -> (f32, f32) {
+    let (a, b, c, p) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3(), p.as_dvec3());
+    let normal = (b - a).cross(c - a);
+    let share = |edge: glam::DVec3, to: glam::DVec3| edge.cross(to).dot(normal) / normal.length_squared();
+    let (u, v) = (share(p - a, c - a).clamp(0.0, 1.0), share(b - a, p - a).clamp(0.0, 1.0));
+    (u as f32, v as f32)
+}
+
 /// A corner of a fragment's side.
 #[derive(Clone, Copy, Default)]
 struct Corner {

@@ -31,7 +31,7 @@ pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
 pub use proxy::proxy;
 pub use size::{check_rows, check_size, expected_fragments};
-pub(crate) use surfels::UNLIKE;
+pub(crate) use surfels::{UNLIKE, colour};
 pub use surfels::{count, surfels};
 pub use triangles::patch_mesh;
 

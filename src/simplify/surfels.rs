@@ -69,7 +69,7 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
 }
 
 /// Gives patches the mean colours of `scene`, whose surfaces they are made of.
-pub(super) fn colour(simplified: &mut Simplified, scene: &Scene) {
+pub(crate) fn colour(simplified: &mut Simplified, scene: &Scene) {
     let Simplified { fragments, patches, .. } = simplified;
     let colours: Vec<_> =
         (0..patches.len()).into_par_iter().map(|i| mean_colour(scene, fragments, patches.members(i))).collect();

@@ -9,6 +9,7 @@ mod brute;
 mod bvh;
 #[cfg(feature = "embree")]
 mod embree;
+mod wide;
 
 pub use brute::Brute;
 pub use bvh::Bvh;
@@ -107,6 +108,13 @@ impl RayBatch {
     pub fn resize(&mut self, n: usize) {
         for v in self.arrays_mut() {
             v.resize(n, 0.0);
+        }
+    }
+
+    /// Copies the rays in `from` to `to` and after.
+    pub fn copy_within(&mut self, from: std::ops::Range<usize>, to: usize) {
+        for v in self.arrays_mut() {
+            v.copy_within(from.clone(), to);
         }
     }
 

@@ -1,0 +1,41 @@
+//! A bake whose lights have changed.
+
+use glam::Vec3;
+
+use super::{Bake, PatchLight};
+use crate::{
+    light::LightSet,
+    reconstruct::Factors,
+    skip::Sky,
+    transfer::{FormFactors, Rows, View},
+};
+
+impl Bake {
+    /// What the vertices take from the patches, once for all light; bakes that gather interpolate by least squares.
+    pub(crate) fn factors(&self) -> Factors {
+        Factors::new(&self.field(&[], &[]), self.options.reconstruct, &self.mesh.samples)
+    }
+
+    /// Takes the rows of all patches, where the bake had those alone that its lights reach.
+    pub(crate) fn take_rows(&mut self, rows: &Rows) {
+        let all = vec![true; rows.patches()];
+        self.form_factors = FormFactors::of_rows(rows, &all, &self.light.reached);
+        let seen = |i: u32| rows.get(i).is_some_and(|r| r.row.view != View::Hidden);
+        self.light.known = (0..rows.patches() as u32).map(seen).collect();
+    }
+
+    /// Takes other lights and the light of the patches that goes with them, all of it sent by form factors. `reached` and
+    /// `known` stay as they are, and so do the vertices.
+    pub(crate) fn relight(&mut self, lights: LightSet, direct: Vec<Vec3>, indirect: Vec<Vec3>, radiosity: Vec<Vec3>) {
+        if lights.even_sky().is_none() {
+            // A few rays say nothing of a sky with bright spots.
+            self.foresight.sky = Sky::default();
+        }
+        self.lights = lights;
+        (self.bright, self.glow, self.error, self.report.error) = (None, None, None, None);
+        self.smooth = indirect.clone();
+        self.carried = radiosity.clone();
+        let PatchLight { reached, known, .. } = std::mem::take(&mut self.light);
+        self.light = PatchLight { direct, indirect, radiosity, reached, known };
+    }
+}
