@@ -50,7 +50,7 @@ fn outlook(
     let count = (SAMPLE_RAYS / casting.rays as usize).min(MOST_ROWS).min(wanted.len());
     let sample: Vec<u32> = (0..count).map(|k| wanted[k * wanted.len() / count]).collect();
     let mut rows = Rows::new(lit.len());
-    transfer::cast(casting, &sample, &mut rows, &mut (), &Hushed(progress))?;
+    transfer::cast(casting, &sample, &[], &mut rows, &mut (), &Hushed(progress))?;
     let bytes: usize = rows.blocks().iter().map(|block| block.bytes.len() + block.marks.len()).sum();
     let hidden = sample.iter().filter(|&&i| rows.get(i).is_some_and(|r| r.row.view == View::Hidden)).count();
     let share = |n: usize| n as f64 / count.max(1) as f64;

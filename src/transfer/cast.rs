@@ -43,13 +43,15 @@ pub struct Casting<'a> {
     pub marked: bool,
 }
 
-/// Casts those rows of `patches` that `rows` does not have; how many rays that took.
+/// Casts those rows of `patches` that `rows` does not have; those that are `few` have fewer rays (empty: none are). How
+/// many rays that took.
 ///
 /// # Errors
 /// Those of `keeper`, and [`Error::Interrupted`](crate::Error::Interrupted); what was cast until then is in `rows`.
 pub fn cast(
     casting: &Casting,
     patches: &[u32],
+    few: &[bool],
     rows: &mut Rows,
     keeper: &mut dyn RowKeeper,
     progress: &dyn Progress,
