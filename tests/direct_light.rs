@@ -270,6 +270,34 @@ fn a_sheet_on_a_lamp_takes_none_of_its_light_or_hides_it() {
     }
 }
 
+/// Bright patches are lamps that are receivers too.
+#[test]
+fn a_turned_lamp_gives_no_light_to_its_own_plane() {
+    let mut b = Builder::new();
+    b.room(Vec3::splat(-0.5), Vec3::splat(0.5));
+    let tracer = b.tracer();
+    for k in 0..300 {
+        let random = |i: u64| (sampling::hash(&[7, k, i]) >> 40) as f32 / (1u64 << 24) as f32 - 0.5;
+        let vector = |i: u64| Vec3::new(random(i), random(i + 1), random(i + 2));
+        let normal = vector(0).normalize();
+        let (u, v) = sampling::frame(normal);
+        let corner = 0.7 * vector(3);
+        let lamp = [corner, corner + 0.016 * u, corner + 0.016 * (u + v), corner + 0.016 * v];
+        let lights = LightSet::of_polygons([(&lamp[..], Vec3::ONE)].into_iter());
+        // On the lamp, and on a neighbour in its plane.
+        let points: Vec<SurfacePoint> = (0..64)
+            .map(|i| [random(10 + 2 * i) + 0.5, 2.0 * (random(11 + 2 * i) + 0.5)])
+            .map(|[s, t]| point(lamp[0] + s * (lamp[1] - lamp[0]) + t * (lamp[3] - lamp[0]), normal))
+            .collect();
+        let light = irradiance(&lights, &*tracer, &points, 1, 16, 1).irradiance;
+        assert!(
+            light.iter().all(|e| *e == Vec3::ZERO),
+            "lamp {k}: {:?}",
+            light.iter().max_by(|a, b| a.x.total_cmp(&b.x))
+        );
+    }
+}
+
 #[test]
 fn a_lamp_touching_the_receivers_plane_is_clipped_by_it() {
     // A vertical lamp that goes through the floor, and one that stands on it right beside the receiver.

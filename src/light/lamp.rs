@@ -174,6 +174,10 @@ impl Lamp {
                 }
                 let corners = p.relative_corners(x.position);
                 let corners = &corners[..p.count];
+                // What lies in the receiver's own plane, but for rounding, would fill its sky by Lambert's formula.
+                if corners.iter().all(|&c| normal.dot(c) <= RAY_OFFSET as f64) {
+                    return 0.0;
+                }
                 let centre = corners.iter().sum::<DVec3>() / p.count as f64;
                 let reach = form::FAR * p.radius as f64;
                 if centre.length_squared() > reach * reach && corners.iter().all(|&c| normal.dot(c) > 0.0) {

@@ -200,7 +200,7 @@ pub(super) fn flat(lanes: &mut Lanes, lamp: &Flat) {
 pub(super) fn outline(lanes: &mut Lanes, lamp: &Flat, own: Range<usize>) {
     for at in own.step_by(WIDTH) {
         let places = lanes.places(at);
-        let mut sum = NONE;
+        let (mut sum, mut highest) = (NONE, NONE);
         // Where the outline goes below the horizon, and where it comes up again.
         let (mut down, mut up) = ([NONE; 3], [NONE; 3]);
         for k in 0..4 {
@@ -209,6 +209,7 @@ pub(super) fn outline(lanes: &mut Lanes, lamp: &Flat, own: Range<usize>) {
                 let (p, normal) = receiver(&places, i);
                 let (a, b) = (sub(from, p), sub(to, p));
                 let (ha, hb) = (dot(normal, a), dot(normal, b));
+                highest[i] = if ha > highest[i] { ha } else { highest[i] };
                 let (goes_down, comes_up) = ((ha > 0.0) & (hb <= 0.0), (ha <= 0.0) & (hb > 0.0));
                 let at = add(a, scale(ha / (ha - hb), sub(b, a)));
                 let (lower, upper) = (select(goes_down, at, get(&down, i)), select(comes_up, at, get(&up, i)));
@@ -223,7 +224,8 @@ pub(super) fn outline(lanes: &mut Lanes, lamp: &Flat, own: Range<usize>) {
             let (p, normal) = receiver(&places, i);
             let sum = sum[i] + edge(get(&down, i), get(&up, i), normal);
             let (_, before) = before(lamp, p, normal);
-            open[i] = if before { 0.5 * sum.abs() } else { 0.0 };
+            // As `Lamp::unshadowed`: the receiver's own plane is no sky.
+            open[i] = if before & (highest[i] > RAY_OFFSET) { 0.5 * sum.abs() } else { 0.0 };
         }
         store([&mut lanes.open[..]], at, &[open]);
     }
