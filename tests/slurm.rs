@@ -172,7 +172,7 @@ fn a_bake_by_slurm_whose_tasks_are_killed_and_requeued_in_mid_run_has_the_bytes_
     let options = ["-o", merged.to_str().unwrap(), "--slurm", "--cpus-per-task=1"];
     let (arrays, merge) = submit(&cluster, &folder, Path::new(LUXEL), &options);
     let is_there = |name: String| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() > 0);
-    let works = |shard: u32| is_there(format!("shard-{shard}.journal")) || is_there(format!("shard-{shard}.lxt"));
+    let works = |shard: u32| is_there(format!("shard-{shard}.checkpoint")) || is_there(format!("shard-{shard}.lxt"));
     // One is killed, one is interrupted by Slurm.
     until("the work on shard 0", || works(0));
     run(Command::new("kill").arg("-KILL").arg(process(&folder, 0).expect("shard 0 ended too early to be killed")));
