@@ -1,7 +1,11 @@
 //! EXR files through the `exr` crate: pure Rust.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+#[cfg(any(test, not(feature = "openexr")))]
+use std::{fs, io::Cursor};
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+};
 
 use exr::meta::{MetaData, header::LayerAttributes};
 use exr::prelude::*;
@@ -42,10 +46,38 @@ pub fn write(path: &Path, image: &ExrImage, compression: Compression) -> Result<
     };
     let channels = AnyChannels::sort(image.channels.iter().map(channel).collect());
     let layer = Layer::new((image.width as usize, image.height as usize), attributes, encoding, channels);
-    Image::from_layer(layer).write().to_file(path).map_err(|e| match e {
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut bytes).map_err(|e| match e {
         exr::error::Error::Io(e) => Error::io(path, e),
         e => Error::Backend(format!("{}: {e}", path.display())),
-    })
+    })?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    fs::write(path, bytes).map_err(|e| Error::io(path, e))
+}
+
+/// Puts the attributes of a file into the order of their names: the crate keeps them in a hash map, in another order in
+/// every process.
+///
+/// From byte 8 on, an attribute is its name and type, each ended by a zero, the length of its value in four bytes, and the
+/// value; an empty name ends them. Source: "OpenEXR File Layout".
+#[cfg(any(test, not(feature = "openexr")))]
+fn sort_attributes(file: &mut [u8]) {
+    const BEGIN: usize = 8;
+    let mut attributes: Vec<&[u8]> = Vec::new();
+    let mut rest = &file[BEGIN..];
+    while rest.first().is_some_and(|&byte| byte != 0) {
+        let mut text = rest.splitn(3, |&byte| byte == 0);
+        let (Some(name), Some(kind), Some(value)) = (text.next(), text.next(), text.next()) else { return };
+        let Some(&length) = value.first_chunk::<4>() else { return };
+        let all = name.len() + kind.len() + 2 + 4 + u32::from_le_bytes(length) as usize;
+        let Some((attribute, others)) = rest.split_at_checked(all) else { return };
+        attributes.push(attribute);
+        rest = others;
+    }
+    attributes.sort_unstable();
+    let sorted = attributes.concat();
+    file[BEGIN..BEGIN + sorted.len()].copy_from_slice(&sorted);
 }
 
 pub fn read(path: &Path) -> Result<ExrImage> {

@@ -105,6 +105,19 @@ fn a_tiled_file_is_read_whichever_library_is_there() {
 }
 
 #[test]
+fn the_same_image_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("picture.exr");
+    for write in WRITERS {
+        let bytes = [0; 8].map(|_| {
+            write_with(&path, &picture(), Compression::Zip, write).unwrap();
+            fs::read(&path).unwrap()
+        });
+        assert!(bytes.iter().all(|b| *b == bytes[0]));
+    }
+}
+
+#[test]
 fn a_failed_write_leaves_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("picture.exr");
