@@ -60,8 +60,7 @@ impl Needs {
         options: &BakeOptions,
         marked: bool,
     ) -> Casting<'a> {
-        let (rays, seed) = (options.rays, options.seed);
-        Casting { simplified, tracer, outer: &self.outer, rays, seed, again: 0, marked }
+        Casting { marked, ..Casting::new(simplified, tracer, &self.outer, options) }
     }
 
     /// The rows, for light that starts at the patches `lit`.

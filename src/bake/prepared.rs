@@ -11,7 +11,7 @@ use crate::{
     simplify::{self, Grid, Simplified},
     skip::{self, Foresight, Wanted},
     trace::{self, RayTracer},
-    transfer::{self, Casting, RowKeeper, Rows, View},
+    transfer::{self, Casting, RowKeeper, Rows},
 };
 
 /// Results of earlier work on the same surfaces with the same settings, whatever its lights and colours were. A bake
@@ -82,8 +82,7 @@ impl<'a> Prepared<'a> {
     /// Which patches the vertices of all visible surfaces take their light from.
     pub fn stencils(&self, options: &BakeOptions, rows: &Rows) -> Stencils {
         let (scene, simplified, index) = (&*self.scene, &self.simplified, &self.index);
-        let patches = 0..simplified.patches.len() as u32;
-        let known: Vec<bool> = patches.map(|i| rows.get(i).is_some_and(|r| r.row.view != View::Hidden)).collect();
+        let known = rows.visible();
         let mesh = vertices::mesh(scene, simplified, &known, index, options, self.only.as_ref(), &*self.tracer);
         let field = Field {
             simplified,

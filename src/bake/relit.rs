@@ -7,7 +7,7 @@ use crate::{
     light::LightSet,
     reconstruct::Factors,
     skip::Sky,
-    transfer::{FormFactors, Rows, View},
+    transfer::{FormFactors, Rows},
 };
 
 impl Bake {
@@ -20,8 +20,7 @@ impl Bake {
     pub(crate) fn take_rows(&mut self, rows: &Rows) {
         let all = vec![true; rows.patches()];
         self.form_factors = FormFactors::of_rows(rows, &all, &self.light.reached);
-        let seen = |i: u32| rows.get(i).is_some_and(|r| r.row.view != View::Hidden);
-        self.light.known = (0..rows.patches() as u32).map(seen).collect();
+        self.light.known = rows.visible();
     }
 
     /// Takes other lights and the light of the patches that goes with them, all of it sent by form factors. `reached` and

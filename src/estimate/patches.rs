@@ -136,15 +136,7 @@ fn row_noise(bake: &Bake, field: &Field, rows: &Rows) -> Local {
     let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
     let picked: Vec<u32> = again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
     let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
-    let casting = Casting {
-        simplified: &bake.simplified,
-        tracer: bake.patch_tracer(),
-        outer: &[],
-        rays: options.rays,
-        seed: options.seed,
-        again: 1,
-        marked: false,
-    };
+    let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], options) };
     let received = transfer::receive(&casting, &picked, &sent, f.is_closed(), rows);
 
     let light = |i: u32| luminance(field.received[i as usize]) as f64;

@@ -198,15 +198,7 @@ impl Plan {
 /// The work of each shard.
 fn divided(simplified: &Simplified, outline: &Outline, options: &BakeOptions, division: Division) -> Result<Vec<Part>> {
     let tracer = trace::build(options.backend, &simplified.geometry)?;
-    let casting = Casting {
-        simplified,
-        tracer: &*tracer,
-        outer: &outline.outer,
-        rays: options.rays,
-        seed: options.seed,
-        again: 0,
-        marked: true,
-    };
+    let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, options) };
     let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
     let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {
         (true, _) => 0,

@@ -96,15 +96,7 @@ impl Plan {
         let simplified = self.simplified()?;
         let options = self.options();
         let tracer = trace::build(options.backend, &simplified.geometry)?;
-        let casting = Casting {
-            simplified: &simplified,
-            tracer: &*tracer,
-            outer: &outline.outer,
-            rays: options.rays,
-            seed: options.seed,
-            again: 0,
-            marked: true,
-        };
+        let casting = Casting { marked: true, ..Casting::new(&simplified, &*tracer, &outline.outer, options) };
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
         let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;

@@ -17,7 +17,7 @@ use super::{
     tally::Tally,
 };
 use crate::{
-    Result,
+    BakeOptions, Result,
     progress::{self, Progress},
     sampling,
     simplify::{NO_PATCH, Simplified, hit_map::NOTHING},
@@ -41,6 +41,18 @@ pub struct Casting<'a> {
     pub again: u64,
     /// Whether rows get marks of what their leading rays met, so that they serve for other lights.
     pub marked: bool,
+}
+
+impl<'a> Casting<'a> {
+    /// The rows that count of a bake with `options`, without marks.
+    pub fn new(
+        simplified: &'a Simplified,
+        tracer: &'a dyn RayTracer,
+        outer: &'a [bool],
+        options: &BakeOptions,
+    ) -> Casting<'a> {
+        Casting { simplified, tracer, outer, rays: options.rays, seed: options.seed, again: 0, marked: false }
+    }
 }
 
 /// Casts those rows of `patches` that `rows` does not have; those that are `few` have fewer rays (empty: none are). How

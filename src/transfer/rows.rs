@@ -333,6 +333,11 @@ impl Rows {
         self.place.len()
     }
 
+    /// Which patches have a row and are not hidden.
+    pub fn visible(&self) -> Vec<bool> {
+        (0..self.patches() as u32).map(|i| self.get(i).is_some_and(|r| r.row.view != View::Hidden)).collect()
+    }
+
     /// Adds rows, of patches that there are; they take the place of older ones.
     pub fn add(&mut self, block: Block) {
         let number = self.blocks.len() as u32;
