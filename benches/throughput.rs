@@ -14,7 +14,7 @@ use luxel::{
     scene,
     simplify::Simplified,
     trace::{self, Geometry, Hit, RayBatch, RayTracer},
-    transfer::{self, Casting, Emitter, Plan, PointSets, Rows},
+    transfer::{self, Casting, Emitter, Plan, RowPoints, Rows},
 };
 use rayon::prelude::*;
 
@@ -126,15 +126,8 @@ fn measure(path: &Path, backends: &[Backend], asked: f64) -> luxel::Result<Vec<f
         let (mut bare, mut batch, mut stage) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
             let begun = Instant::now();
-            let casting = Casting {
-                simplified,
-                tracer: tracer.get(),
-                outer: &unreached,
-                rays: RAYS,
-                seed: 0,
-                again: 0,
-                marked: false,
-            };
+            let points = RowPoints::new(RAYS, 0, tracer.get());
+            let casting = Casting::new(simplified, tracer.get(), &unreached, &points);
             let mut store = Rows::new(simplified.patches.len());
             let estimate = transfer::estimate_plan(&casting, &plan, &mut store, &mut (), &Silent)?;
             stage.push(estimate.rays as f64 / begun.elapsed().as_secs_f64() * 1e-6);
@@ -164,11 +157,12 @@ fn measure(path: &Path, backends: &[Backend], asked: f64) -> luxel::Result<Vec<f
 /// Mrays/s of the bare loop, where there is one, and of the backend's batches, over the rays of `rows`. Rays are
 /// made for a few patches at a time and only tracing is timed: they are as near in the caches as in the stage.
 fn alone(simplified: &Simplified, rows: &[u32], tracer: &Tracer) -> (Option<f64>, f64) {
-    let sets = PointSets::new(RAYS as usize, 0);
+    let points = RowPoints::new(RAYS, 0, tracer.get());
+    let sets = points.rows();
     let working = || (Emitter::default(), vec![RayBatch::default(); CHUNK], vec![Hit::NONE; RAYS as usize]);
     let timed = |(emitter, batches, hits): &mut (Emitter, Vec<RayBatch>, Vec<Hit>), chunk: &[u32]| {
         for (&i, rays) in chunk.iter().zip(&mut *batches) {
-            transfer::row_rays(simplified, &sets, i, 0, 0, emitter, rays);
+            transfer::row_rays(simplified, sets, i, 0, 0, emitter, rays);
         }
         let batches = &batches[..chunk.len()];
         let begun = Instant::now();

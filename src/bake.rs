@@ -85,7 +85,8 @@ pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
 /// Lights a prepared scene.
 fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut Run, mut clock: Clock) -> Result<Bake> {
     let progress = run.progress;
-    let Prepared { scene, plain, only, tracer, face_tracer, mut foresight, simplified, index, needs } = prepared;
+    let Prepared { scene, plain, only, tracer, face_tracer, points, mut foresight, simplified, index, needs } =
+        prepared;
     let (scene, only) = (&*scene, only.as_ref());
     let lights = LightSet::new(scene);
     let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
@@ -105,7 +106,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
     let mut shadows = foresight.take();
     clock.stop("direct")?;
 
-    let casting = needs.casting(&simplified, face_tracer.as_deref().unwrap_or(&*tracer), options, kept.marked);
+    let casting = needs.casting(&simplified, face_tracer.as_deref().unwrap_or(&*tracer), &points, kept.marked);
     let mut lit = exchange.lit(&direct);
     if !lit.contains(&true) {
         return Err(Error::Scene(format!(
@@ -187,13 +188,13 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices")?;
 
-    let error = options.estimate.then(|| estimate::estimate(scene, &bake, &kept.again));
+    let error = options.estimate.then(|| estimate::estimate(scene, &bake, &points, &kept.again));
     if error.is_some() {
         clock.stop("estimate")?;
     }
 
     let rows_cast = kept.rows.blocks()[blocks_before..].iter().map(|block| block.rows.len()).sum();
-    let work = Work { solution, row_rays, visibility, rows_seconds, rows_cast, lamps, found };
+    let work = Work { solution, row_rays, visibility, rows_seconds, rows_cast, lamps, found, points: &points };
     bake.report = measure::report(scene, &bake, work, clock);
     (bake.report.error, bake.error) = error.unzip();
     Ok(bake)

@@ -6,7 +6,7 @@ use super::exchange::add;
 use crate::{
     BakeOptions,
     estimate::VertexError,
-    light::{self, Known, LightSet},
+    light::{self, DirectResult, Known, LightSet},
     options::Reconstruct,
     progress::Progress,
     reconstruct::{self, Field, PatchIndex, Senders, Stencils},
@@ -145,8 +145,6 @@ impl Bake {
     pub(super) fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
-        let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
-        let known = Known { view: &view, skip: self.foresight.on, census: None };
         for block in points.chunks(BLOCK) {
             if progress.stopped() {
                 all.direct.resize(points.len(), Vec3::ZERO);
@@ -154,8 +152,7 @@ impl Bake {
                 break;
             }
             let lit = |lights: &LightSet| {
-                let seed = self.options.seed;
-                let result = light::irradiance_where(lights, &*self.tracer, block, 1, samples, seed, &known);
+                let result = self.sampled(lights, block, samples, self.options.seed);
                 self.foresight.count(&result);
                 result.irradiance
             };
@@ -167,6 +164,13 @@ impl Bake {
         }
         progress.end();
         all
+    }
+
+    /// Light of `lights` at points that stand clear of walls, by shadow rays.
+    pub(crate) fn sampled(&self, lights: &LightSet, points: &[SurfacePoint], samples: u32, seed: u64) -> DirectResult {
+        let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
+        let known = Known { view: &view, skip: self.foresight.on, census: None };
+        light::irradiance_where(lights, &*self.tracer, points, 1, samples, seed, &known)
     }
 
     /// Carries `values` of the patches to points that stand clear of walls; `exitance` is what the values are the light of.

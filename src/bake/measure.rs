@@ -9,7 +9,7 @@ use crate::{
     report::{Counts, Energy, Rays, Report, RowCounts, RowSums, Solver, Stage},
     skip,
     solve::Solution,
-    transfer::FormFactors,
+    transfer::{FormFactors, RowPoints},
 };
 
 use super::{
@@ -55,7 +55,7 @@ impl<'a> Clock<'a> {
 }
 
 /// What the stages took.
-pub(super) struct Work {
+pub(super) struct Work<'a> {
     pub solution: Solution,
     pub row_rays: u64,
     /// Shadow rays to patches.
@@ -66,13 +66,14 @@ pub(super) struct Work {
     /// Power of the lamps, W / scale^2.
     pub lamps: LampPower,
     pub found: Found,
+    pub points: &'a RowPoints,
 }
 
 /// Measures a finished bake.
 pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Report {
     let (patches, f) = (bake.patches(), &bake.form_factors);
     let reached = bake.light.reached.iter().filter(|&&r| r).count();
-    let skipped = skip::list(&skipped::audit(scene, bake, work.found, work.row_rays, &clock));
+    let skipped = skip::list(&skipped::audit(scene, bake, work.found, work.row_rays, work.points, &clock));
     Report {
         version: env!("CARGO_PKG_VERSION").into(),
         backend: bake.tracer.name(),

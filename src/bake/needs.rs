@@ -12,7 +12,7 @@ use crate::{
     simplify::Simplified,
     skip::{Foresight, Sky, Wanted},
     trace::RayTracer,
-    transfer::{self, Casting, Estimate, FormFactors, Plan, RowKeeper, Rows},
+    transfer::{self, Casting, Estimate, FormFactors, Plan, RowKeeper, RowPoints, Rows},
 };
 
 /// Which rows are needed.
@@ -57,10 +57,10 @@ impl Needs {
         &'a self,
         simplified: &'a Simplified,
         tracer: &'a dyn RayTracer,
-        options: &BakeOptions,
+        points: &'a RowPoints,
         marked: bool,
     ) -> Casting<'a> {
-        Casting { marked, ..Casting::new(simplified, tracer, &self.outer, options) }
+        Casting { marked, ..Casting::new(simplified, tracer, &self.outer, points) }
     }
 
     /// The rows, for light that starts at the patches `lit`.

@@ -34,7 +34,7 @@ pub fn outline(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
     let (mut few, mut spared) = (Vec::new(), Vec::new());
     if let Some([_, near]) = &needs.near {
         let plan = needs.plan(near);
-        let casting = prepared.casting(options, true);
+        let casting = prepared.casting(true);
         few = transfer::first_wave(&casting, &plan, &mut kept.rows, run.keeper, run.progress)?;
         spared = near.iter().zip(plan.black).map(|(near, black)| near | black).collect();
     }

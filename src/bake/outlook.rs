@@ -47,7 +47,7 @@ fn outlook(
     let outer = |i: usize| casting.outer.get(i).is_some_and(|&outer| outer);
     // Taken as reached, whatever is not seen to be dark.
     let wanted: Vec<u32> = (0..lit.len()).filter(|&i| lit[i] || !outer(i)).map(|i| i as u32).collect();
-    let count = (SAMPLE_RAYS / casting.rays as usize).min(MOST_ROWS).min(wanted.len());
+    let count = (SAMPLE_RAYS / casting.points.rays() as usize).min(MOST_ROWS).min(wanted.len());
     let sample: Vec<u32> = (0..count).map(|k| wanted[k * wanted.len() / count]).collect();
     let mut rows = Rows::new(lit.len());
     transfer::cast(casting, &sample, &[], &mut rows, &mut (), &Hushed(progress))?;

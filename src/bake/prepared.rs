@@ -11,7 +11,7 @@ use crate::{
     simplify::{self, Grid, Simplified},
     skip::{self, Foresight, Wanted},
     trace::{self, RayTracer},
-    transfer::{self, Casting, RowKeeper, Rows},
+    transfer::{self, Casting, RowKeeper, RowPoints, Rows},
 };
 
 /// Results of earlier work on the same surfaces with the same settings, whatever its lights and colours were. A bake
@@ -45,6 +45,8 @@ pub(super) struct Prepared<'a> {
     pub tracer: Box<dyn RayTracer>,
     /// Tracer of what the patches are pieces of, where these are not the scene's surfaces.
     pub face_tracer: Option<Box<dyn RayTracer>>,
+    /// Where the rays of rows start and go.
+    pub points: RowPoints,
     pub foresight: Foresight,
     pub simplified: Simplified,
     pub index: PatchIndex,
@@ -68,6 +70,7 @@ impl<'a> Prepared<'a> {
         };
         let own = options.patches != PatchSource::Surfels;
         let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
+        let points = RowPoints::new(options.rays, options.seed, face_tracer.as_deref().unwrap_or(&*tracer));
         for rows in [&mut kept.rows, &mut kept.again] {
             if rows.patches() != simplified.patches.len() {
                 *rows = Rows::new(simplified.patches.len());
@@ -76,7 +79,7 @@ impl<'a> Prepared<'a> {
         let index = PatchIndex::new(&simplified.patches, grid);
         let needs = Needs::new(&scene, &simplified, &index, options, only.as_ref(), &foresight);
         clock.stop("simplify")?;
-        Ok(Prepared { scene, plain, only, tracer, face_tracer, foresight, simplified, index, needs })
+        Ok(Prepared { scene, plain, only, tracer, face_tracer, points, foresight, simplified, index, needs })
     }
 
     /// Which patches the vertices of all visible surfaces take their light from.
@@ -106,8 +109,8 @@ impl<'a> Prepared<'a> {
     }
 
     /// How rows are cast.
-    pub fn casting(&self, options: &BakeOptions, marked: bool) -> Casting<'_> {
-        self.needs.casting(&self.simplified, self.patch_tracer(), options, marked)
+    pub fn casting(&self, marked: bool) -> Casting<'_> {
+        self.needs.casting(&self.simplified, self.patch_tracer(), &self.points, marked)
     }
 
     /// Casts the rows that any lights may need, and those that tell of their noise; how many rays that took.
@@ -118,7 +121,7 @@ impl<'a> Prepared<'a> {
         keeper: &mut dyn RowKeeper,
         progress: &dyn Progress,
     ) -> Result<u64> {
-        let casting = self.casting(options, true);
+        let casting = self.casting(true);
         let all = vec![true; self.simplified.patches.len()];
         begin(&self.scene, &casting, &all, &mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {

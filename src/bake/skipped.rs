@@ -9,7 +9,7 @@ use crate::{
     light::Spared,
     skip::{Audit, Unwanted, noise},
     trace::{Hit, RayBatch},
-    transfer::{self, Emitter, PointSets},
+    transfer::{self, Emitter, RowPoints},
 };
 
 /// What the stages found that spares work.
@@ -35,7 +35,14 @@ pub(super) struct Found {
 }
 
 /// Adds up what was found. `row_rays` and `rows_seconds` are those of the form factors.
-pub(super) fn audit(scene: &crate::Scene, bake: &Bake, found: Found, row_rays: u64, clock: &Clock) -> Audit {
+pub(super) fn audit(
+    scene: &crate::Scene,
+    bake: &Bake,
+    found: Found,
+    row_rays: u64,
+    points: &RowPoints,
+    clock: &Clock,
+) -> Audit {
     if !bake.foresight.on {
         return Audit { bands: (3, 0.0), ..Audit::default() };
     }
@@ -65,13 +72,13 @@ pub(super) fn audit(scene: &crate::Scene, bake: &Bake, found: Found, row_rays: u
             count(&|i| !found.outside[i] && light.known[i] && !outer(i)),
             count(&|i| !light.known[i]),
         ],
-        row_rays: [bake.options.rays as u64, bake.options.rays.min(64) as u64],
+        row_rays: [bake.options.rays as u64, points.probe_rays() as u64],
         seconds: [
             rate(clock.seconds("form factors"), row_rays),
             rate(clock.seconds("direct"), found.shadows.0),
             rate(clock.seconds("vertices"), vertex_rays),
         ],
-        clear_seconds: clear_seconds(bake, &found.outer),
+        clear_seconds: clear_seconds(bake, points, &found.outer),
         shadows: [found.shadows.1, at_vertices],
         dark_lamps: found.dark,
         sky_loss: if direct > 0.0 { at_vertices.sky_loss as f64 * 1e-9 * sky / direct } else { 0.0 },
@@ -102,16 +109,15 @@ pub(super) fn audit(scene: &crate::Scene, bake: &Bake, found: Found, row_rays: u
 const SAMPLE: usize = 64;
 
 /// Seconds a ray from patches that nothing lies before, on all threads: such rays are fast, so they are timed apart.
-fn clear_seconds(bake: &Bake, outer: &[bool]) -> f64 {
+fn clear_seconds(bake: &Bake, points: &RowPoints, outer: &[bool]) -> f64 {
     let outer: Vec<u32> = (0..outer.len() as u32).filter(|&i| outer[i as usize]).collect();
     if outer.is_empty() {
         return 0.0;
     }
-    let sets = PointSets::new(bake.options.rays as usize, bake.options.seed);
     let (mut emitter, mut rays, mut hits, mut cast) = (Emitter::default(), RayBatch::default(), Vec::new(), 0);
     let begun = Instant::now();
     for &i in outer.iter().step_by(outer.len().div_ceil(SAMPLE)) {
-        transfer::row_rays(&bake.simplified, &sets, i, bake.options.seed, 0, &mut emitter, &mut rays);
+        transfer::row_rays(&bake.simplified, points.rows(), i, bake.options.seed, 0, &mut emitter, &mut rays);
         hits.resize(rays.len(), Hit::NONE);
         bake.patch_tracer().closest_hits(&rays, &mut hits);
         cast += rays.len();

@@ -16,13 +16,13 @@ use rayon::prelude::*;
 use crate::{
     Scene,
     bake::Bake,
-    light::{self, LightSet},
+    light::LightSet,
     output::tonemap::luminance,
     report::{ErrorParts, ErrorReport},
     sampling,
     scene::SurfacePoint,
     simplify::NO_PATCH,
-    transfer::Rows,
+    transfer::{RowPoints, Rows},
 };
 
 mod coarse;
@@ -72,7 +72,7 @@ struct Variance {
 /// Estimates the error of `bake`. Same bake, same bits, on any number of threads.
 ///
 /// `again` holds rows of other rays; those that are not there are cast. Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
-pub(crate) fn estimate(scene: &Scene, bake: &Bake, again: &Rows) -> (ErrorReport, VertexError) {
+pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again: &Rows) -> (ErrorReport, VertexError) {
     let share = if bake.options.reconstruct.gathers() { GATHERING_SHARE } else { SHARE };
     let vertices = bake.mesh.samples.len();
     let share = share.min(MOST / vertices as f64);
@@ -80,15 +80,17 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, again: &Rows) -> (ErrorReport
     let points: Vec<SurfacePoint> = looked_at.iter().map(|&v| bake.mesh.samples[v as usize]).collect();
     let coarse = Coarse::new(scene, bake);
 
-    let mut direct = Variance::of_shadow_rays(bake, &bake.lights, &points);
+    // The first sample is there, where it stands alone.
+    let first = bake.glow.is_none().then(|| looked_at.iter().map(|&v| bake.vertices.direct[v as usize]).collect());
+    let mut direct = Variance::of_shadow_rays(bake, &bake.lights, &points, first);
     if let Some(glow) = &bake.glow {
         let field = Field { received: glow, sent: &bake.patches().emitted, reflects: false };
-        direct.add(&patches::variance(bake, &coarse, &field, &points, again));
+        direct.add(&patches::variance(bake, &coarse, &field, &points, row_points, again));
     }
     let field = Field { received: &bake.smooth, sent: &bake.carried, reflects: true };
-    let mut indirect = patches::variance(bake, &coarse, &field, &points, again);
+    let mut indirect = patches::variance(bake, &coarse, &field, &points, row_points, again);
     if let Some(bright) = &bake.bright {
-        indirect.add(&Variance::of_shadow_rays(bake, bright, &points));
+        indirect.add(&Variance::of_shadow_rays(bake, bright, &points, None));
     }
 
     let light = &bake.vertices;
@@ -110,11 +112,11 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, again: &Rows) -> (ErrorReport
 }
 
 impl Variance {
-    /// Half the square of the difference of two samples of the light of `lights`.
-    fn of_shadow_rays(bake: &Bake, lights: &LightSet, points: &[SurfacePoint]) -> Variance {
-        let samples = bake.options.point_samples;
-        let light = |seed: u64| light::irradiance(lights, bake.tracer(), points, 1, samples, seed).irradiance;
-        let (first, second) = (light(bake.options.seed), light(bake.options.seed ^ AGAIN));
+    /// Half the square of the difference of two samples of the light of `lights`: the `first` is that of the bake.
+    fn of_shadow_rays(bake: &Bake, lights: &LightSet, points: &[SurfacePoint], first: Option<Vec<Vec3>>) -> Variance {
+        let light = |seed: u64| bake.sampled(lights, points, bake.options.point_samples, seed).irradiance;
+        let first = first.unwrap_or_else(|| light(bake.options.seed));
+        let second = light(bake.options.seed ^ AGAIN);
         let shadow = first.iter().zip(&second).map(|(a, b)| 0.5 * (luminance(*a - *b) as f64).powi(2)).collect();
         Variance { shadow, rows: vec![0.0; points.len()], detail: vec![0.0; points.len()] }
     }

@@ -13,7 +13,7 @@ use crate::{
     output::tonemap::luminance,
     reconstruct, sampling,
     scene::SurfacePoint,
-    transfer::{self, Casting, Rows},
+    transfer::{self, Casting, RowPoints, Rows},
 };
 
 /// A light that patches send each other by form factors.
@@ -41,9 +41,16 @@ const ORDER: f64 = 1.25;
 const LIFT: f32 = 100.0;
 
 /// Noise and discretisation error of a field at `points`.
-pub(super) fn variance(bake: &Bake, coarse: &Coarse, field: &Field, points: &[SurfacePoint], again: &Rows) -> Variance {
+pub(super) fn variance(
+    bake: &Bake,
+    coarse: &Coarse,
+    field: &Field,
+    points: &[SurfacePoint],
+    row_points: &RowPoints,
+    again: &Rows,
+) -> Variance {
     let light = coarse.light(bake, field);
-    let rows = row_noise(bake, field, again);
+    let rows = row_noise(bake, field, row_points, again);
     let mut variance = interpolated(bake, coarse, field, &light, points, &rows);
     if bake.options.reconstruct.gathers() {
         gathered(bake, field, &light, points, &mut variance);
@@ -132,11 +139,11 @@ pub fn again(patches: usize, seed: u64) -> Vec<u32> {
 }
 
 /// Variance of the irradiance of rows: some are cast again, and meet the radiosity that is known.
-fn row_noise(bake: &Bake, field: &Field, rows: &Rows) -> Local {
+fn row_noise(bake: &Bake, field: &Field, points: &RowPoints, rows: &Rows) -> Local {
     let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
     let picked: Vec<u32> = again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
     let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
-    let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], options) };
+    let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], points) };
     let received = transfer::receive(&casting, &picked, &sent, f.is_closed(), rows);
 
     let light = |i: u32| luminance(field.received[i as usize]) as f64;

@@ -23,7 +23,7 @@ use crate::{
     scene::Source,
     simplify::Simplified,
     trace,
-    transfer::{self, Casting},
+    transfer::{self, Casting, RowPoints},
 };
 
 const PLAN: Name = Name::new("plan");
@@ -198,7 +198,8 @@ impl Plan {
 /// The work of each shard.
 fn divided(simplified: &Simplified, outline: &Outline, options: &BakeOptions, division: Division) -> Result<Vec<Part>> {
     let tracer = trace::build(options.backend, &simplified.geometry)?;
-    let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, options) };
+    let points = RowPoints::new(options.rays, options.seed, &*tracer);
+    let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, &points) };
     let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
     let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {
         (true, _) => 0,

@@ -23,7 +23,7 @@ use crate::{
     output::atomic::sweep,
     progress::Progress,
     trace,
-    transfer::{self, Block, Casting, RowKeeper, Rows},
+    transfer::{self, Block, Casting, RowKeeper, RowPoints, Rows},
 };
 
 const SHARD: Name = Name::new("shard");
@@ -96,7 +96,8 @@ impl Plan {
         let simplified = self.simplified()?;
         let options = self.options();
         let tracer = trace::build(options.backend, &simplified.geometry)?;
-        let casting = Casting { marked: true, ..Casting::new(&simplified, &*tracer, &outline.outer, options) };
+        let points = RowPoints::new(options.rays, options.seed, &*tracer);
+        let casting = Casting { marked: true, ..Casting::new(&simplified, &*tracer, &outline.outer, &points) };
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
         let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;

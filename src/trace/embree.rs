@@ -104,7 +104,7 @@ impl Embree {
     /// What the bare library takes, for benches: traces the whole packets of `rays`, whose directions are unit vectors
     /// and whose limits are not looked at, and tells the ids of the triangles met, added up (modulo 2^32).
     pub fn bare(&self, rays: &RayBatch) -> u32 {
-        let view = Self::view(rays, rays.len(), rays.coherent && self.triangles <= COHERENT_CLOSEST);
+        let view = Self::view(rays, rays.len(), rays.coherent && self.traces_packets());
         // SAFETY: `view` checked that every array has `count` elements.
         unsafe { ffi::luxel_embree_bare(self.handle.as_ptr(), &view, self.width) }
     }
@@ -162,8 +162,12 @@ impl RayTracer for Embree {
         .into()
     }
 
+    fn traces_packets(&self) -> bool {
+        self.triangles <= COHERENT_CLOSEST
+    }
+
     fn closest_hits(&self, rays: &RayBatch, hits: &mut [Hit]) {
-        let view = Self::view(rays, hits.len(), rays.coherent && self.triangles <= COHERENT_CLOSEST);
+        let view = Self::view(rays, hits.len(), rays.coherent && self.traces_packets());
         // SAFETY: `view` checked that every array and `hits` have `count` elements; Hit is repr(C) with the fields
         // of LuxelHit, which a test compares with C's own layout.
         unsafe { ffi::luxel_embree_closest_hits(self.handle.as_ptr(), &view, self.width, hits.as_mut_ptr().cast()) }

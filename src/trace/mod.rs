@@ -221,6 +221,11 @@ pub trait RayTracer: Send + Sync {
         found.map_or("scalar", |(name, _)| name).into()
     }
 
+    /// Whether successive rays of a `coherent` batch are traced together: the more alike they are, the faster.
+    fn traces_packets(&self) -> bool {
+        false
+    }
+
     /// The nearest hit of every ray. `hits` has the length of `rays`.
     fn closest_hits(&self, rays: &RayBatch, hits: &mut [Hit]);
 

@@ -1,5 +1,7 @@
 //! Rays from the surface of a patch.
 
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -97,14 +99,15 @@ impl Emitter {
         SurfacePoint { position: self.parts[k].point(a, b), normal: self.normals[k] }
     }
 
-    /// Fills `rays` with one ray for each point of a set, chosen by the bits of `random`. Directions are
-    /// cosine-distributed about the normal of the surface at the origin.
-    pub fn rays(&mut self, sets: &PointSets, random: [u64; 2], rays: &mut RayBatch) {
-        let set = sets.set(random[0]);
+    /// Fills `rays` with one ray for each of the points `part` of a set, which is chosen by the bits of `random`.
+    /// Directions are cosine-distributed about the normal of the surface at the origin.
+    pub fn rays(&mut self, sets: &PointSets, part: Range<usize>, random: [u64; 2], rays: &mut RayBatch) {
+        let first = sets.set(random[0]).start;
+        let set = first + part.start..first + part.end;
         let azimuth = (random[0] >> 40) as f32 * (std::f32::consts::TAU / (1 << 24) as f32);
         let flip = random[1] as u32;
-        if rays.len() != sets.len {
-            rays.resize(sets.len);
+        if rays.len() != part.len() {
+            rays.resize(part.len());
             rays.t_min.fill(0.0);
             rays.t_max.fill(f32::INFINITY);
         }

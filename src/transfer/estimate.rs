@@ -5,8 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::{
-    FormFactors,
-    cast::{Caster, Casting, Probe, Seen, cast},
+    FormFactors, RowPoints,
+    cast::{Casting, cast},
+    caster::{Caster, Probe, Seen},
     rows::{RowKeeper, Rows, View},
 };
 use crate::{
@@ -78,7 +79,8 @@ pub fn estimate(
     seed: u64,
     progress: &dyn Progress,
 ) -> Result<Estimate> {
-    let casting = Casting { simplified, tracer, outer: &[], rays, seed, again: 0, marked: false };
+    let points = RowPoints::new(rays, seed, tracer);
+    let casting = Casting::new(simplified, tracer, &[], &points);
     let plan = Plan { start: lit, all, ..Plan::default() };
     let mut rows = Rows::new(simplified.patches.len());
     estimate_plan(&casting, &plan, &mut rows, &mut (), progress)
@@ -118,9 +120,9 @@ pub fn estimate_plan(
                 cast += caster.add(slice, &few, Some(Seen { by: &sees, marks: &met }), rows, keeper)?;
                 progress.advance(slice.len() as u64);
             }
-            clear += wave.iter().filter(|i| caster.is_outer(**i)).count() as u64 * casting.rays as u64;
+            clear += wave.iter().filter(|i| caster.is_outer(**i)).count() as u64 * casting.points.rays() as u64;
             if plan.backwards && std::mem::take(&mut first) {
-                few = little_seen(rows, &wave, &has_row, casting.rays);
+                few = little_seen(rows, &wave, &has_row, casting.points.rays());
             }
             if plan.backwards {
                 wave.iter().for_each(|&i| reached[i as usize] = true);
@@ -154,7 +156,7 @@ pub fn estimate_plan(
             wave = unknown;
         } else {
             let outer = unknown.iter().filter(|&&i| caster.is_outer(i)).count() as u64;
-            clear += outer * caster.probe_rays() as u64;
+            clear += outer * casting.points.probe_rays() as u64;
             for ((probe, rays), &i) in caster.probe(&unknown, &reached, rows).iter().zip(&unknown) {
                 cast += rays;
                 match probe {
@@ -194,7 +196,7 @@ pub fn first_wave(
 ) -> Result<Vec<bool>> {
     let wave: Vec<u32> = (0..plan.start.len() as u32).filter(|&i| plan.start[i as usize]).collect();
     cast(casting, &wave, &[], rows, keeper, progress)?;
-    Ok(little_seen(rows, &wave, plan.start, casting.rays))
+    Ok(little_seen(rows, &wave, plan.start, casting.points.rays()))
 }
 
 /// Takes from `pending` the patches that see a reached one.

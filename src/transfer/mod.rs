@@ -1,6 +1,7 @@
 //! Form factors between patches, by Monte-Carlo ray casting (step 6 of the paper).
 
 mod cast;
+mod caster;
 mod emit;
 mod estimate;
 mod lanes;
@@ -10,10 +11,11 @@ mod rows;
 mod spill;
 mod tally;
 
-pub use cast::{Casting, cast, receive, row_length, row_rays, seconds_a_ray};
+pub use cast::{Casting, cast, receive, row_length, seconds_a_ray};
+pub use caster::row_rays;
 pub use emit::{Emitter, patch_points};
 pub use estimate::{Estimate, Plan, estimate, estimate_plan, first_wave};
 pub use matrix::FormFactors;
-pub use points::PointSets;
+pub use points::{PointSets, RowPoints};
 pub use rows::{Block, BlockWriter, Row, RowKeeper, RowRef, Rows, View};
 pub use spill::Spill;
