@@ -21,6 +21,7 @@ mod outlook;
 mod prepared;
 mod relit;
 mod skipped;
+mod tracers;
 mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
@@ -85,18 +86,17 @@ pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
 /// Lights a prepared scene.
 fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut Run, mut clock: Clock) -> Result<Bake> {
     let progress = run.progress;
-    let Prepared { scene, plain, only, tracer, face_tracer, points, mut foresight, simplified, index, needs } =
-        prepared;
+    let Prepared { scene, plain, only, tracers, points, mut foresight, simplified, index, needs } = prepared;
     let (scene, only) = (&*scene, only.as_ref());
     let lights = LightSet::new(scene);
     let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
-    let lamps = LampPower::new(&lights, &*tracer, inside, options.seed);
+    let lamps = LampPower::new(&lights, tracers.surfaces(), inside, options.seed);
     let mut lights = if options.primary == Primary::Radiosity { lights.without_surfaces() } else { lights };
     let exchange = Exchange {
         scene,
         simplified: &simplified,
         lights: &lights,
-        tracer: &*tracer,
+        tracer: tracers.surfaces(),
         foresight: &foresight,
         options,
         progress,
@@ -106,7 +106,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
     let mut shadows = foresight.take();
     clock.stop("direct")?;
 
-    let casting = needs.casting(&simplified, face_tracer.as_deref().unwrap_or(&*tracer), &points, kept.marked);
+    let casting = needs.casting(&simplified, tracers.patches(), &points, kept.marked);
     let mut lit = exchange.lit(&direct);
     if !lit.contains(&true) {
         return Err(Error::Scene(format!(
@@ -160,7 +160,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
         dark: needs::forget_dark(&mut lights, census),
         bands,
     };
-    let mesh = vertices::mesh(scene, &simplified, &light.reached, &index, options, only, &*tracer);
+    let mesh = vertices::mesh(scene, &simplified, &light.reached, &index, options, only, tracers.surfaces());
     clock.stop("split mesh")?;
 
     let mut bake = Bake {
@@ -182,8 +182,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
         index,
         normals: scene.normals(),
         two_sided: scene.triangles.iter().map(|t| t.two_sided).collect(),
-        tracer,
-        face_tracer,
+        tracers,
     };
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices")?;

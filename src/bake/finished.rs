@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::exchange::add;
+use super::{exchange::add, tracers::Tracers};
 use crate::{
     BakeOptions,
     estimate::VertexError,
@@ -79,9 +79,7 @@ pub struct Bake {
     pub(super) normals: Vec<Vec3>,
     /// Which of the scene's triangles receive light on both sides.
     pub(super) two_sided: Vec<bool>,
-    pub(super) tracer: Box<dyn RayTracer>,
-    /// Tracer of the voxel faces or the simplified mesh, where these are the patches.
-    pub(super) face_tracer: Option<Box<dyn RayTracer>>,
+    pub(super) tracers: Tracers,
 }
 
 impl SurfacePoint {
@@ -99,13 +97,13 @@ impl Bake {
 
     /// The tracer of the scene's surfaces.
     pub fn tracer(&self) -> &dyn RayTracer {
-        &*self.tracer
+        self.tracers.surfaces()
     }
 
     /// The tracer that [`Bake::patch_of`] understands: that of the surfaces, or of what stands for
     /// them.
     pub fn patch_tracer(&self) -> &dyn RayTracer {
-        self.face_tracer.as_deref().unwrap_or(&*self.tracer)
+        self.tracers.patches()
     }
 
     /// The patch that a ray of [`Bake::patch_tracer`] met; `None` if nothing or the inside of an object.
@@ -131,7 +129,7 @@ impl Bake {
 
     /// As [`Bake::irradiance`], with another number of shadow rays a point.
     pub fn irradiance_with(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
-        let points = reconstruct::clear_of_walls(&*self.tracer, &self.normals, points);
+        let points = reconstruct::clear_of_walls(self.tracer(), &self.normals, points);
         self.light(&points, samples, progress)
     }
 
@@ -170,7 +168,7 @@ impl Bake {
     pub(crate) fn sampled(&self, lights: &LightSet, points: &[SurfacePoint], samples: u32, seed: u64) -> DirectResult {
         let view = |points: &[SurfacePoint]| self.foresight.of_point(&self.simplified, &self.index, points);
         let known = Known { view: &view, skip: self.foresight.on, census: None };
-        light::irradiance_where(lights, &*self.tracer, points, 1, samples, seed, &known)
+        light::irradiance_where(lights, self.tracer(), points, 1, samples, seed, &known)
     }
 
     /// Carries `values` of the patches to points that stand clear of walls; `exitance` is what the values are the light of.
@@ -185,7 +183,7 @@ impl Bake {
             index: &self.index,
             values,
             known: &self.light.known,
-            tracer: &*self.tracer,
+            tracer: self.tracer(),
             normals: &self.normals,
             two_sided: &self.two_sided,
             cos_threshold: self.options.normal_threshold.to_radians().cos(),
@@ -193,7 +191,7 @@ impl Bake {
                 tracer: self.patch_tracer(),
                 exitance,
                 closed: self.form_factors.is_closed(),
-                displaced: self.face_tracer.is_some(),
+                displaced: self.tracers.faces.is_some(),
                 rays: self.options.gather_rays,
                 seed: self.options.seed,
             }),

@@ -76,8 +76,8 @@ pub(super) fn report(scene: &Scene, bake: &Bake, work: Work, clock: Clock) -> Re
     let skipped = skip::list(&skipped::audit(scene, bake, work.found, work.row_rays, work.points, &clock));
     Report {
         version: env!("CARGO_PKG_VERSION").into(),
-        backend: bake.tracer.name(),
-        instruction_set: bake.tracer.instruction_set(),
+        backend: bake.tracer().name(),
+        instruction_set: bake.tracer().instruction_set(),
         threads: rayon::current_num_threads(),
         settings: Some(bake.options.clone()),
         counts: Counts {

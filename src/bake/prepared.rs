@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, outlook::begin, vertices};
+use super::{measure::Clock, needs::Needs, outlook::begin, tracers::Tracers, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -10,7 +10,7 @@ use crate::{
     reconstruct::{Field, Level, PatchIndex, Stencils},
     simplify::{self, Grid, Simplified},
     skip::{self, Foresight, Wanted},
-    trace::{self, RayTracer},
+    trace,
     transfer::{self, Casting, RowKeeper, RowPoints, Rows},
 };
 
@@ -42,9 +42,7 @@ pub(super) struct Prepared<'a> {
     /// Materials with textures of one colour.
     pub plain: Vec<u32>,
     pub only: Option<Wanted>,
-    pub tracer: Box<dyn RayTracer>,
-    /// Tracer of what the patches are pieces of, where these are not the scene's surfaces.
-    pub face_tracer: Option<Box<dyn RayTracer>>,
+    pub tracers: Tracers,
     /// Where the rays of rows start and go.
     pub points: RowPoints,
     pub foresight: Foresight,
@@ -69,8 +67,9 @@ impl<'a> Prepared<'a> {
             None => simplify::simplify(&scene, grid, options, &*tracer)?,
         };
         let own = options.patches != PatchSource::Surfels;
-        let face_tracer = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
-        let points = RowPoints::new(options.rays, options.seed, face_tracer.as_deref().unwrap_or(&*tracer));
+        let faces = own.then(|| trace::build(options.backend, &simplified.geometry)).transpose()?;
+        let tracers = Tracers { surfaces: tracer, faces };
+        let points = RowPoints::new(options.rays, options.seed, tracers.patches());
         for rows in [&mut kept.rows, &mut kept.again] {
             if rows.patches() != simplified.patches.len() {
                 *rows = Rows::new(simplified.patches.len());
@@ -79,20 +78,21 @@ impl<'a> Prepared<'a> {
         let index = PatchIndex::new(&simplified.patches, grid);
         let needs = Needs::new(&scene, &simplified, &index, options, only.as_ref(), &foresight);
         clock.stop("simplify")?;
-        Ok(Prepared { scene, plain, only, tracer, face_tracer, points, foresight, simplified, index, needs })
+        Ok(Prepared { scene, plain, only, tracers, points, foresight, simplified, index, needs })
     }
 
     /// Which patches the vertices of all visible surfaces take their light from.
     pub fn stencils(&self, options: &BakeOptions, rows: &Rows) -> Stencils {
         let (scene, simplified, index) = (&*self.scene, &self.simplified, &self.index);
         let known = rows.visible();
-        let mesh = vertices::mesh(scene, simplified, &known, index, options, self.only.as_ref(), &*self.tracer);
+        let mesh =
+            vertices::mesh(scene, simplified, &known, index, options, self.only.as_ref(), self.tracers.surfaces());
         let field = Field {
             simplified,
             index,
             values: &[],
             known: &known,
-            tracer: &*self.tracer,
+            tracer: self.tracers.surfaces(),
             normals: &scene.normals(),
             two_sided: &scene.triangles.iter().map(|t| t.two_sided).collect::<Vec<bool>>(),
             cos_threshold: options.normal_threshold.to_radians().cos(),
@@ -103,14 +103,9 @@ impl<'a> Prepared<'a> {
         Stencils::new(&field, &mesh.samples)
     }
 
-    /// Tracer of what the patches are pieces of.
-    pub fn patch_tracer(&self) -> &dyn RayTracer {
-        self.face_tracer.as_deref().unwrap_or(&*self.tracer)
-    }
-
     /// How rows are cast.
     pub fn casting(&self, marked: bool) -> Casting<'_> {
-        self.needs.casting(&self.simplified, self.patch_tracer(), &self.points, marked)
+        self.needs.casting(&self.simplified, self.tracers.patches(), &self.points, marked)
     }
 
     /// Casts the rows that any lights may need, and those that tell of their noise; how many rays that took.

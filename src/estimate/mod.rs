@@ -78,11 +78,13 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
     let share = share.min(MOST / vertices as f64);
     let looked_at = chosen(vertices, share, LEAST, bake.options.seed ^ CHOICE);
     let points: Vec<SurfacePoint> = looked_at.iter().map(|&v| bake.mesh.samples[v as usize]).collect();
-    let coarse = Coarse::new(scene, bake);
-
     // The first sample is there, where it stands alone.
     let first = bake.glow.is_none().then(|| looked_at.iter().map(|&v| bake.vertices.direct[v as usize]).collect());
-    let mut direct = Variance::of_shadow_rays(bake, &bake.lights, &points, first);
+    // Each has parts for one thread: they go beside each other, here and below.
+    let (coarse, (mut direct, areas)) = rayon::join(
+        || Coarse::new(scene, bake),
+        || (Variance::of_shadow_rays(bake, &bake.lights, &points, first), vertex_areas(bake)),
+    );
     if let Some(glow) = &bake.glow {
         let field = Field { received: glow, sent: &bake.patches().emitted, reflects: false };
         direct.add(&patches::variance(bake, &coarse, &field, &points, row_points, again));
@@ -95,12 +97,14 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
 
     let light = &bake.vertices;
     let sum: Vec<Vec3> = light.direct.iter().zip(&light.indirect).map(|(a, b)| *a + *b).collect();
-    let places = Places { bake, areas: vertex_areas(bake), looked_at };
-    let of_direct = places.spread(&direct, &light.direct);
-    let of_indirect = places.spread(&indirect, &light.indirect);
+    let places = Places { bake, areas, looked_at };
+    let (of_direct, of_indirect) =
+        rayon::join(|| places.spread(&direct, &light.direct), || places.spread(&indirect, &light.indirect));
     let total: Vec<f32> = of_direct.iter().zip(&of_indirect).map(|(a, b)| a.hypot(*b)).collect();
-    let (direct_parts, indirect_parts) =
-        (places.parts(&direct, &light.direct, &of_direct), places.parts(&indirect, &light.indirect, &of_indirect));
+    let (direct_parts, indirect_parts) = rayon::join(
+        || places.parts(&direct, &light.direct, &of_direct),
+        || places.parts(&indirect, &light.indirect, &of_indirect),
+    );
     direct.add(&indirect);
     let report = ErrorReport {
         direct: direct_parts,

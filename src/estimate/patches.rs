@@ -1,6 +1,7 @@
 //! Error of light that patches carry.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::{
     Variance, chosen,
@@ -49,8 +50,7 @@ pub(super) fn variance(
     row_points: &RowPoints,
     again: &Rows,
 ) -> Variance {
-    let light = coarse.light(bake, field);
-    let rows = row_noise(bake, field, row_points, again);
+    let (light, rows) = rayon::join(|| coarse.light(bake, field), || row_noise(bake, field, row_points, again));
     let mut variance = interpolated(bake, coarse, field, &light, points, &rows);
     if bake.options.reconstruct.gathers() {
         gathered(bake, field, &light, points, &mut variance);
@@ -71,6 +71,7 @@ fn interpolated(
     rows: &Local,
 ) -> Variance {
     let white: Vec<[f64; 3]> = (0..field.received.len())
+        .into_par_iter()
         .map(|i| {
             let bits = sampling::hash(&[bake.options.seed, SIGNS, i as u64]);
             let sign = |k: u32| if bits >> k & 1 == 1 { 1.0 } else { -1.0 };
@@ -82,19 +83,20 @@ fn interpolated(
     let lifted = |v: &[[f64; 3]]| v.iter().map(|w| vec3(*w) + Vec3::new(0.0, LIFT, LIFT)).collect::<Vec<Vec3>>();
     let (white, coarse_white) = (lifted(&white), lifted(&coarse_white));
     let method = if bake.options.reconstruct.gathers() { Reconstruct::Smooth } else { bake.options.reconstruct };
-    let fine = reconstruct::interpolate(&bake.field(&white, field.sent), method, points);
-    let coarse = reconstruct::interpolate(&coarse.field(bake, &coarse_white), method, points);
+    let (fine, coarse) = rayon::join(
+        || reconstruct::interpolate(&bake.field(&white, field.sent), method, points),
+        || reconstruct::interpolate(&coarse.field(bake, &coarse_white), method, points),
+    );
 
-    let mut variance = Variance { shadow: vec![0.0; points.len()], rows: Vec::new(), detail: Vec::new() };
-    for (p, (fine, coarse)) in points.iter().zip(fine.iter().zip(&coarse)) {
+    let gain = |v: Vec3| 0.5 * (v.y * v.y + v.z * v.z) as f64;
+    let of_point = |(p, (fine, coarse)): (&SurfacePoint, (&Vec3, &Vec3))| {
         let row = rows.variance(p, fine.x as f64);
         let kept = *fine - Vec3::splat(LIFT);
         let apart = *coarse - *fine;
-        let gain = |v: Vec3| 0.5 * (v.y * v.y + v.z * v.z) as f64;
-        variance.rows.push(gain(kept) * row);
-        variance.detail.push(detail_of((apart.x as f64).powi(2) - gain(apart) * row));
-    }
-    variance
+        (gain(kept) * row, detail_of((apart.x as f64).powi(2) - gain(apart) * row))
+    };
+    let (rows, detail) = points.par_iter().zip(fine.par_iter().zip(&coarse)).map(of_point).unzip();
+    Variance { shadow: vec![0.0; points.len()], rows, detail }
 }
 
 /// Of bakes whose points gather by rays of their own where they are in doubt, or everywhere.

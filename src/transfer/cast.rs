@@ -4,11 +4,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::{
-    RowPoints,
-    caster::Caster,
-    rows::{BlockWriter, Row, RowKeeper, Rows},
-};
+use super::{BlockWriter, Row, RowKeeper, RowPoints, Rows, caster::Caster};
 use crate::{
     Result,
     progress::{self, Progress},
@@ -92,7 +88,7 @@ pub fn receive(casting: &Casting, patches: &[u32], sent: &[f32], closed: bool, r
         let sum: f64 = entries.map(|(j, count)| count as f64 * sent[j as usize] as f64).sum();
         sum / (row.valid - if closed { row.escaped } else { 0 }).max(1) as f64
     };
-    let chunks = patches.par_chunks(caster.chunk()).map(|chunk| {
+    let chunks = patches.par_chunks(caster.chunk()).with_max_len(1).map(|chunk| {
         let mut s = caster.take();
         let of = |&i: &u32| match rows.with_rays(i, casting.points.rays() as usize) {
             Some(known) => received(known.row, &mut known.entries()),

@@ -10,19 +10,15 @@ use std::{
 
 use rayon::prelude::*;
 
-use super::{
-    Emitter, PointSets,
-    cast::Casting,
-    rows::{Block, BlockWriter, Row, RowKeeper, Rows, View},
-    tally::Tally,
-};
+use super::{Block, BlockWriter, Casting, Emitter, PointSets, Row, RowKeeper, Rows, View, tally::Tally};
 use crate::{
     Result, sampling,
     simplify::{NO_PATCH, Simplified, hit_map::NOTHING},
     trace::{Hit, RayBatch},
 };
 
-/// Rays and patches at most of a unit of parallel work.
+/// Rays and patches at most of a unit of parallel work. Threads take one at a time: left to itself, rayon divides work for
+/// two threads into some six parts, and one waits for the last of the other.
 const CHUNK_RAYS: usize = 1 << 14;
 const CHUNK: usize = 64;
 /// Rays that are cast before rows are kept: a tenth of a second or so on two threads.
@@ -125,6 +121,7 @@ impl<'a> Caster<'a> {
         });
         let blocks: Vec<(Block, u64)> = missing
             .par_chunks(self.chunk())
+            .with_max_len(1)
             .map(|chunk| {
                 let mut s = self.take();
                 let mut writer = BlockWriter::default();
@@ -176,6 +173,7 @@ impl<'a> Caster<'a> {
         let found = |view: View, sees: bool| if sees { Probe::SeesLight } else { Probe::Dark(view) };
         patches
             .par_chunks(self.chunk())
+            .with_max_len(1)
             .flat_map_iter(|chunk| {
                 let mut s = self.take();
                 let probe = |&i: &u32| {

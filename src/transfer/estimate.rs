@@ -5,10 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::{
-    FormFactors, RowPoints,
+    FormFactors, RowKeeper, RowPoints, Rows, View,
     cast::{Casting, cast},
     caster::{Caster, Probe, Seen},
-    rows::{RowKeeper, Rows, View},
 };
 use crate::{
     Result,
@@ -130,11 +129,11 @@ pub fn estimate_plan(
             pending.extend(wave.drain(..).filter(|&i| !reached[i as usize]));
             loop {
                 let accepted = accept(&mut pending, rows, &reached, &met);
-                for &i in &accepted {
-                    reached[i as usize] = true;
-                    let entries = rows.get(i).into_iter().flat_map(|row| row.entries());
+                accepted.iter().for_each(|&i| reached[i as usize] = true);
+                accepted.par_chunks(64).with_max_len(1).for_each(|accepted| {
+                    let entries = accepted.iter().filter_map(|&i| rows.get(i)).flat_map(|row| row.entries());
                     entries.for_each(|(j, _)| met[j as usize].store(true, Ordering::Relaxed));
-                }
+                });
                 if accepted.is_empty() {
                     break;
                 }

@@ -4,8 +4,8 @@ use bytes::Bytes;
 use rayon::prelude::*;
 
 #[cfg(test)]
-use super::rows::{BlockWriter, Row};
-use super::rows::{Entries, RowRef, Rows};
+use super::{BlockWriter, Row};
+use super::{RowRef, Rows, block::Entries};
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
 ///

@@ -1,5 +1,6 @@
 //! Form factors between patches, by Monte-Carlo ray casting (step 6 of the paper).
 
+mod block;
 mod cast;
 mod caster;
 mod emit;
@@ -11,11 +12,12 @@ mod rows;
 mod spill;
 mod tally;
 
+pub use block::{Block, BlockWriter, Row, RowRef, View};
 pub use cast::{Casting, cast, receive, row_length, seconds_a_ray};
 pub use caster::row_rays;
 pub use emit::{Emitter, patch_points};
 pub use estimate::{Estimate, Plan, estimate, estimate_plan, first_wave};
 pub use matrix::FormFactors;
 pub use points::{PointSets, RowPoints};
-pub use rows::{Block, BlockWriter, Row, RowKeeper, RowRef, Rows, View};
+pub use rows::{RowKeeper, Rows};
 pub use spill::Spill;

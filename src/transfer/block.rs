@@ -1,0 +1,391 @@
+//! Rows of hits: what the rays of each patch met, and how it is coded.
+
+use bytes::Bytes;
+
+/// What the leading rays of a row say of its patch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum View {
+    /// All started hidden, inside or behind objects: the patch has no row.
+    #[default]
+    Hidden = 0,
+    /// None left the scene.
+    Within = 1,
+    /// Some left the scene.
+    Outside = 2,
+}
+
+/// What one row of rays met.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Patch.
+    pub patch: u32,
+    /// Rays that count.
+    pub valid: u32,
+    /// Of these, rays that left the scene or met the back of a one-sided sheet.
+    pub escaped: u32,
+    /// Rays that started hidden.
+    pub hidden: u32,
+    /// End of the row in the bytes of its block.
+    pub end: u32,
+    /// End of the row in the marks of its block.
+    pub marks_end: u32,
+    /// What the leading rays say.
+    pub view: View,
+}
+
+impl Row {
+    /// Rays that were cast for it, or would have been if the patch were not hidden.
+    pub fn rays(&self) -> u32 {
+        self.valid + self.hidden
+    }
+}
+
+/// Rows of some patches, in any order.
+///
+/// An entry takes 2 bytes as a rule: the step to the next patch as a variable-length integer, the count as a byte (255
+/// announces a variable-length integer). Marks have a bit for every entry, from the lowest bit of a row's first byte
+/// on: whether one of the leading rays met the patch. A block has marks for all of its rows or for none.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Block {
+    /// What each row met, in the order of their bytes.
+    pub rows: Vec<Row>,
+    /// Entries of the rows.
+    pub bytes: Bytes,
+    /// Marks of the rows; empty if none were kept.
+    pub marks: Bytes,
+}
+
+impl Block {
+    /// The row at this position.
+    pub(super) fn row(&self, k: usize) -> RowRef<'_> {
+        let row = &self.rows[k];
+        let (begin, marks_begin) = if k == 0 { (0, 0) } else { (self.rows[k - 1].end, self.rows[k - 1].marks_end) };
+        RowRef {
+            row,
+            bytes: &self.bytes[begin as usize..row.end as usize],
+            marks: &self.marks[marks_begin as usize..row.marks_end as usize],
+        }
+    }
+
+    /// Whether rows of so many patches can be read from it: what is wrong, if they cannot. Blocks that this program
+    /// did not make itself must be asked before they are used.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn check(&self, patches: usize) -> std::result::Result<(), String> {
+        let (mut end, mut marks_end) = (0, 0);
+        for row in &self.rows {
+            let of = |what: &str| format!("row of patch {}: {what}", row.patch);
+            if row.patch as usize >= patches {
+                return Err(of("there is no such patch"));
+            }
+            let marks = if self.marks.is_empty() { marks_end..marks_end } else { marks_end..row.marks_end };
+            let ends = (row.end as usize <= self.bytes.len(), row.marks_end as usize <= self.marks.len());
+            if row.end < end || ends != (true, true) || marks.end != row.marks_end || row.marks_end < marks_end {
+                return Err(of("its bytes lie outside of the block"));
+            }
+            let mut bytes = &self.bytes[end as usize..row.end as usize];
+            let (mut entries, mut hits, mut next) = (0_usize, 0_u64, 0_u64);
+            while !bytes.is_empty() {
+                let entry = checked_entry(&mut bytes).ok_or_else(|| of("it ends within an entry"))?;
+                let patch = if entries == 0 { entry.0 } else { next + entry.0 };
+                if patch >= patches as u64 || (entries > 0 && entry.0 == 0) || entry.1 == 0 {
+                    return Err(of("an entry is wrong"));
+                }
+                (entries, hits, next) = (entries + 1, hits + entry.1, patch);
+            }
+            let sound = row.escaped <= row.valid
+                && hits == (row.valid - row.escaped) as u64
+                && row.valid as u64 + row.hidden as u64 <= 1 << 16
+                && (row.view == View::Hidden) == (row.valid == 0);
+            if !sound {
+                return Err(of("its sums are wrong"));
+            }
+            let marks = &self.marks[marks_end as usize..row.marks_end as usize];
+            let spare = marks.last().is_some_and(|last| entries % 8 != 0 && last >> (entries % 8) != 0);
+            if !self.marks.is_empty() && (marks.len() != entries.div_ceil(8) || spare) {
+                return Err(of("its marks are wrong"));
+            }
+            (end, marks_end) = (row.end, row.marks_end);
+        }
+        let all = end as usize == self.bytes.len() && marks_end as usize == self.marks.len();
+        if all { Ok(()) } else { Err("there are bytes that belong to no row".into()) }
+    }
+
+    /// Bytes that it takes.
+    pub(super) fn size_in_bytes(&self) -> usize {
+        size_of::<Block>() + self.bytes.len() + self.marks.len() + self.rows.capacity() * size_of::<Row>()
+    }
+}
+
+/// A block that is being made.
+#[derive(Default)]
+pub struct BlockWriter {
+    rows: Vec<Row>,
+    bytes: Vec<u8>,
+    marks: Vec<u8>,
+}
+
+impl BlockWriter {
+    /// Adds a row with these (patch, count), sorted by patch; its ends are filled in.
+    ///
+    /// Whether a step takes one byte or two is a matter of chance, so there is no branch on it: four bytes are written,
+    /// and those that are too many written over.
+    pub fn push(&mut self, entries: &[(u32, u32)], row: Row) {
+        let mut end = self.bytes.len();
+        self.bytes.resize(end + MOST_BYTES * entries.len(), 0);
+        let mut last = 0;
+        for &(patch, count) in entries {
+            let step = patch - last;
+            last = patch;
+            if step < 1 << 14 && count < 255 {
+                let two = (step >= 0x80) as u32;
+                let coded = (step & 0x7f) | two << 7 | (step >> 7) << 8 | count << (8 + 8 * two);
+                self.bytes[end..end + 4].copy_from_slice(&coded.to_le_bytes());
+                end += 2 + two as usize;
+            } else {
+                put_varint(&mut self.bytes, &mut end, step);
+                put(&mut self.bytes, &mut end, count.min(255) as u8);
+                if count >= 255 {
+                    put_varint(&mut self.bytes, &mut end, count);
+                }
+            }
+        }
+        self.bytes.truncate(end);
+        self.rows.push(Row { end: end as u32, marks_end: self.marks.len() as u32, ..row });
+    }
+
+    /// Marks those entries of the last row that are among `leading` too. Both are sorted by patch.
+    pub fn mark(&mut self, entries: &[(u32, u32)], leading: &[(u32, u32)]) {
+        let begin = self.marks.len();
+        self.marks.resize(begin + entries.len().div_ceil(8), 0);
+        let mut leading = leading.iter().peekable();
+        for (k, entry) in entries.iter().enumerate() {
+            if leading.next_if(|l| l.0 == entry.0).is_some() {
+                self.marks[begin + k / 8] |= 1 << (k % 8);
+            }
+        }
+        if let Some(row) = self.rows.last_mut() {
+            row.marks_end = self.marks.len() as u32;
+        }
+    }
+
+    /// Adds a copy of a row with its marks.
+    pub(super) fn copy(&mut self, row: RowRef) {
+        self.bytes.extend_from_slice(row.bytes);
+        self.marks.extend_from_slice(row.marks);
+        self.rows.push(Row { end: self.bytes.len() as u32, marks_end: self.marks.len() as u32, ..*row.row });
+    }
+
+    /// Forgets all marks.
+    pub(super) fn unmark(&mut self) {
+        self.marks.clear();
+        self.rows.iter_mut().for_each(|row| row.marks_end = 0);
+    }
+
+    /// The block.
+    pub fn finish(mut self) -> Block {
+        self.bytes.shrink_to_fit();
+        self.marks.shrink_to_fit();
+        Block { rows: self.rows, bytes: self.bytes.into(), marks: self.marks.into() }
+    }
+}
+
+/// The most bytes that an entry can take: a step and a count of five each, and a mark.
+const MOST_BYTES: usize = 11;
+
+fn put(bytes: &mut [u8], end: &mut usize, byte: u8) {
+    bytes[*end] = byte;
+    *end += 1;
+}
+
+fn put_varint(bytes: &mut [u8], end: &mut usize, mut x: u32) {
+    while x >= 0x80 {
+        put(bytes, end, x as u8 | 0x80);
+        x >>= 7;
+    }
+    put(bytes, end, x as u8);
+}
+
+/// The next step and count of bytes that may be wrong.
+fn checked_entry(bytes: &mut &[u8]) -> Option<(u64, u64)> {
+    let varint = |bytes: &mut &[u8]| {
+        let mut x = 0;
+        for shift in (0..35).step_by(7) {
+            let byte = *bytes.split_off_first()?;
+            x |= ((byte & 0x7f) as u64) << shift;
+            if byte < 0x80 {
+                return (x <= u32::MAX as u64).then_some(x);
+            }
+        }
+        None
+    };
+    let step = varint(bytes)?;
+    match *bytes.split_off_first()? {
+        255 => Some((step, varint(bytes)?)),
+        count => Some((step, count as u64)),
+    }
+}
+
+/// Decodes the entries of a row.
+pub struct Entries<'a> {
+    bytes: &'a [u8],
+    patch: u32,
+}
+
+impl<'a> Entries<'a> {
+    /// Of the bytes of a row.
+    pub fn new(bytes: &'a [u8]) -> Entries<'a> {
+        Entries { bytes, patch: 0 }
+    }
+
+    #[inline(always)]
+    fn byte(&mut self) -> Option<u8> {
+        let (&first, rest) = self.bytes.split_first()?;
+        self.bytes = rest;
+        Some(first)
+    }
+
+    #[inline(always)]
+    fn varint(&mut self) -> Option<u32> {
+        let first = self.byte()?;
+        if first < 0x80 {
+            return Some(first as u32);
+        }
+        let mut x = (first & 0x7f) as u32;
+        let mut shift = 7;
+        loop {
+            let b = self.byte()?;
+            x |= ((b & 0x7f) as u32) << shift;
+            if b < 0x80 {
+                return Some(x);
+            }
+            shift += 7;
+        }
+    }
+}
+
+impl Iterator for Entries<'_> {
+    type Item = (u32, u32);
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<(u32, u32)> {
+        self.patch += self.varint()?;
+        let count = match self.byte()? {
+            255 => self.varint()?,
+            count => count as u32,
+        };
+        Some((self.patch, count))
+    }
+}
+
+/// A row in a store.
+#[derive(Clone, Copy, Debug)]
+pub struct RowRef<'a> {
+    /// What it met in all.
+    pub row: &'a Row,
+    bytes: &'a [u8],
+    marks: &'a [u8],
+}
+
+impl<'a> RowRef<'a> {
+    /// The hits: (patch, count), sorted by patch.
+    pub fn entries(&self) -> Entries<'a> {
+        Entries::new(self.bytes)
+    }
+
+    /// Patches that the leading rays met; `None` if that was not kept.
+    pub fn leading(&self) -> Option<impl Iterator<Item = u32> + use<'a>> {
+        let marks = self.marks;
+        let kept = !marks.is_empty() || self.bytes.is_empty();
+        kept.then(|| {
+            let marked = move |(k, _): &(usize, (u32, u32))| marks[k / 8] >> (k % 8) & 1 == 1;
+            self.entries().enumerate().filter(marked).map(|(_, (patch, _))| patch)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::Rows, *};
+
+    fn row(patch: u32, hits: u32, escaped: u32) -> Row {
+        let view = if escaped > 0 { View::Outside } else { View::Within };
+        Row { patch, valid: hits + escaped, escaped, view, ..Row::default() }
+    }
+
+    fn block() -> Block {
+        let mut writer = BlockWriter::default();
+        let first = [(0, 1), (1, 254), (128, 255), (300, 256), (69_999, 40_000)];
+        writer.push(&first, row(7, first.iter().map(|e| e.1).sum(), 9));
+        writer.mark(&first, &[(1, 3), (69_999, 1)]);
+        writer.push(&[], Row { patch: 3, hidden: 256, ..Row::default() });
+        writer.mark(&[], &[]);
+        let second: Vec<(u32, u32)> = (0..17).map(|k| (3 * k, k + 1)).collect();
+        writer.push(&second, row(4, second.iter().map(|e| e.1).sum(), 0));
+        writer.mark(&second, &[(48, 1)]);
+        writer.finish()
+    }
+
+    #[test]
+    fn rows_and_marks_survive_coding() {
+        let block = block();
+        assert_eq!(block.check(70_000), Ok(()));
+        let mut rows = Rows::new(70_000);
+        rows.add(block);
+        let entries = |i| rows.get(i).map(|r| r.entries().collect::<Vec<_>>()).unwrap();
+        assert_eq!(entries(7), [(0, 1), (1, 254), (128, 255), (300, 256), (69_999, 40_000)]);
+        assert!(entries(3).is_empty());
+        assert_eq!(entries(4).len(), 17);
+        let leading = |i| rows.get(i).and_then(|r| r.leading()).unwrap().collect::<Vec<_>>();
+        assert_eq!(leading(7), [1, 69_999]);
+        assert!(leading(3).is_empty());
+        assert_eq!(leading(4), [48]);
+        assert!(rows.get(5).is_none() && rows.with_rays(4, 1).is_none());
+    }
+
+    #[test]
+    fn what_leading_rays_met_is_unknown_without_marks() {
+        let mut writer = BlockWriter::default();
+        writer.push(&[(2, 5)], row(0, 5, 0));
+        let mut rows = Rows::new(3);
+        rows.add(writer.finish());
+        assert!(rows.get(0).unwrap().leading().is_none());
+    }
+
+    #[test]
+    fn wrong_bytes_are_found_or_harmless() {
+        // Every bit of every byte, and every end: either the check refuses it, or all of it can be read.
+        let sound = block();
+        let read = |block: Block| {
+            if block.check(70_000).is_ok() {
+                for k in 0..block.rows.len() {
+                    let row = block.row(k);
+                    assert!(row.entries().all(|(patch, _)| patch < 70_000));
+                    row.leading().map(Iterator::count);
+                }
+            }
+        };
+        for bit in 0..8 * sound.bytes.len() {
+            let mut bytes = sound.bytes.to_vec();
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            read(Block { bytes: bytes.into(), ..sound.clone() });
+        }
+        for bit in 0..8 * sound.marks.len() {
+            let mut marks = sound.marks.to_vec();
+            marks[bit / 8] ^= 1 << (bit % 8);
+            read(Block { marks: marks.into(), ..sound.clone() });
+        }
+        for (k, field, bit) in (0..3).flat_map(|k| (0..6).flat_map(move |f| (0..32).map(move |b| (k, f, b)))) {
+            let mut block = sound.clone();
+            let Row { patch, valid, escaped, hidden, end, marks_end, .. } = &mut block.rows[k];
+            *[patch, valid, escaped, hidden, end, marks_end][field] ^= 1 << bit;
+            read(block);
+        }
+        for end in 0..sound.bytes.len() {
+            let cut = Block { bytes: sound.bytes.slice(..end), ..sound.clone() };
+            assert!(cut.check(70_000).is_err(), "cut at {end}");
+        }
+    }
+}
