@@ -117,28 +117,33 @@ impl HitMap {
     }
 
     /// The patch at every hit, [`super::NO_PATCH`] inside objects, [`NOTHING`] where nothing was met. `cells` is
-    /// working memory.
+    /// working memory. Returns whether all rays met patches.
     ///
     /// Each step is taken for all hits before the next, and cells of several fragments come last: so that the loads of
     /// many hits overlap, and none waits for a branch that was foretold wrongly.
-    pub fn patches(&self, fragments: &Fragments, hits: &[Hit], cells: &mut Vec<u32>, patches: &mut Vec<u32>) {
+    pub fn patches(&self, fragments: &Fragments, hits: &[Hit], cells: &mut Vec<u32>, patches: &mut Vec<u32>) -> bool {
         cells.clear();
         cells.extend(hits.iter().map(|hit| self.cell(hit) as u32));
         patches.clear();
         let [front, back] = &self.cells;
-        let mut several = 0;
+        let mut entries = 0;
         patches.extend(cells.iter().zip(hits).map(|(&cell, hit)| {
             let entry = if hit.is_back() { back } else { front }[cell as usize];
-            several |= is_list(entry) as u32;
+            entries |= entry;
             entry
         }));
-        if several > 0 {
-            for (patch, hit) in patches.iter_mut().zip(hits) {
-                if is_list(*patch) {
-                    *patch = self.listed(fragments, *patch, hit);
-                }
-            }
+        // Patches have numbers below it.
+        if entries < LIST {
+            return true;
         }
+        let mut found = 0;
+        for (patch, hit) in patches.iter_mut().zip(hits) {
+            if is_list(*patch) {
+                *patch = self.listed(fragments, *patch, hit);
+            }
+            found |= *patch;
+        }
+        found < LIST
     }
 
     /// Number of the cell at a hit; the last one if nothing was met.

@@ -54,7 +54,7 @@ pub struct Scratch {
     emitter: Emitter,
     /// The rays of a probe, and the others of its row.
     parts: [Part; 2],
-    /// Patches that the leading rays met.
+    /// Patches that the leading rays met, of probes and of rows that get marks.
     leading: Vec<u32>,
     /// Hits of every patch, of the sky and of the insides of objects.
     tally: Tally,
@@ -76,6 +76,8 @@ struct Part {
     /// Cell and patch of every hit.
     cells: Vec<u32>,
     patches: Vec<u32>,
+    /// Whether there is a patch for each.
+    all_patches: bool,
 }
 
 impl<'a> Caster<'a> {
@@ -85,6 +87,11 @@ impl<'a> Caster<'a> {
 
     pub fn is_outer(&self, patch: u32) -> bool {
         self.casting.outer.get(patch as usize).is_some_and(|&outer| outer)
+    }
+
+    /// Rays of the row of a patch.
+    pub fn rays(&self, patch: u32, few: &[bool]) -> usize {
+        self.sets(patch, few).len
     }
 
     fn sets(&self, patch: u32, few: &[bool]) -> &'a PointSets {
@@ -111,10 +118,10 @@ impl<'a> Caster<'a> {
         rows: &mut Rows,
         keeper: &mut dyn RowKeeper,
     ) -> Result<u64> {
-        let is_known = |i: &u32| rows.with_rays(*i, self.sets(*i, few).len).is_some();
+        let is_known = |i: &u32| rows.with_rays(*i, self.rays(*i, few)).is_some();
         let (known, missing): (Vec<u32>, Vec<u32>) = patches.iter().partition(|i| is_known(i));
         let asked = |i: u32| seen.as_ref().filter(|seen| (seen.by)(i));
-        known.par_iter().for_each(|&i| {
+        known.par_iter().with_max_len(CHUNK).for_each(|&i| {
             if let (Some(Seen { marks, .. }), Some(row)) = (asked(i), rows.get(i)) {
                 row.entries().for_each(|(j, _)| marks[j as usize].store(true, Ordering::Relaxed));
             }
@@ -203,9 +210,13 @@ impl<'a> Caster<'a> {
         emitter.load(simplified, i as usize);
         let random = random(points.seed(), i, again);
         self.cast_part(sets, 0..sets.probe, random, emitter, probe);
-        leading.clear();
-        leading.extend(sets.leading(random[0]).iter().map(|&k| probe.patches[k as usize]));
-        let view = view(leading);
+        let view = if probe.all_patches && whole && !self.casting.marked {
+            View::Within
+        } else {
+            leading.clear();
+            leading.extend(sets.leading(random[0]).iter().map(|&k| probe.patches[k as usize]));
+            view(leading)
+        };
         if whole && view != View::Hidden && sets.probe < sets.len {
             self.cast_part(sets, sets.probe..sets.len, random, emitter, rest);
         } else {
@@ -220,13 +231,13 @@ impl<'a> Caster<'a> {
         part: Range<usize>,
         random: [u64; 2],
         emitter: &mut Emitter,
-        Part { rays, hits, cells, patches }: &mut Part,
+        Part { rays, hits, cells, patches, all_patches }: &mut Part,
     ) {
         let Casting { simplified, tracer, .. } = self.casting;
         emitter.rays(sets, part, random, rays);
         hits.resize(rays.len(), Hit::NONE);
         tracer.closest_hits(rays, hits);
-        simplified.hit_map.patches(&simplified.fragments, hits, cells, patches);
+        *all_patches = simplified.hit_map.patches(&simplified.fragments, hits, cells, patches);
     }
 
     /// Casts the row of patch `i`, and leaves its entries in `s.entries`.
@@ -243,11 +254,13 @@ impl<'a> Caster<'a> {
         let n = self.casting.simplified.patches.len() as u32;
         let Scratch { parts, tally, entries, turned, found, .. } = s;
         for part in parts {
-            if part.patches.contains(&NO_PATCH) {
-                self.acquit(i, part, turned, found);
+            if !part.all_patches {
+                if part.patches.contains(&NO_PATCH) {
+                    self.acquit(i, part, turned, found);
+                }
+                // What is no patch comes behind the patches: n + (j - NOTHING).
+                part.patches.iter_mut().for_each(|j| *j = (*j).min(n.wrapping_add(j.wrapping_sub(NOTHING))));
             }
-            // What is no patch comes behind the patches: n + (j - NOTHING).
-            part.patches.iter_mut().for_each(|j| *j = (*j).min(n.wrapping_add(j.wrapping_sub(NOTHING))));
             tally.add(&part.patches);
         }
         tally.drain(entries);
