@@ -20,7 +20,7 @@ pub struct Audit {
     pub outer_rays: u64,
     /// Unreached patches that see out of the scene; that lie in sealed air; that are hidden in or behind objects.
     pub unlit: [usize; 3],
-    /// Form-factor rays a patch, and of a probe.
+    /// Form-factor rays a patch, and those that are cast to probe one.
     pub row_rays: [u64; 2],
     /// Seconds a form-factor ray; a shadow ray of a patch; a ray of a vertex.
     pub seconds: [f64; 3],
@@ -73,6 +73,7 @@ pub fn list(a: &Audit) -> Vec<Skipped> {
     entries.push(entry("outer shells", a.outer, a.outer_rays + clear, seconds, Some(0.0), error));
 
     let [row, probe] = a.row_rays;
+    let asked = row.min(PROBE as u64);
     let expected = 1.0 / (std::f64::consts::E * PROBE);
     let unlit = |patches: usize| {
         let rays = patches as u64 * row.saturating_sub(probe);
@@ -83,13 +84,13 @@ pub fn list(a: &Audit) -> Vec<Skipped> {
     {
         let (patches, rays, seconds) = unlit(patches);
         let error = format!(
-            "none of {probe} probe rays of each met a lit patch, and no ray of a lit patch met it; bound: of the \
+            "none of {asked} probe rays of each met a lit patch, and no ray of a lit patch met it; bound: of the \
              radiosity that may hide"
         );
         entries.push(entry(what, patches, rays, seconds, Some(expected), error));
     }
     let (patches, rays, seconds) = unlit(a.unlit[2]);
-    let error = format!("all of {probe} probe rays of each started inside or behind an object: nobody sees it");
+    let error = format!("all of {asked} probe rays of each started inside or behind an object: nobody sees it");
     entries.push(entry("surfaces hidden in objects", patches, rays, seconds, None, error));
 
     let (p, v) = (at_patches.away, at_vertices.away);

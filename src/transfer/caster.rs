@@ -341,3 +341,45 @@ pub fn row_rays(
     emitter.load(simplified, i as usize);
     emitter.rays(sets, 0..sets.len, random(seed, i, again), rays);
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::{
+        options::{Backend, Resolution},
+        progress::Silent,
+        scene,
+        simplify::{self, Grid},
+        trace,
+        transfer::{RowPoints, cast},
+    };
+
+    #[test]
+    fn a_probe_finds_what_the_marks_of_its_row_tell() {
+        let scene = scene::load(Path::new("scenes/cornell.toml"), &Default::default()).unwrap().0;
+        let grid = Grid::new(&scene, Resolution::Grid(16)).unwrap();
+        let tracer = trace::build(Backend::Auto, &scene.geometry()).unwrap();
+        let simplified = simplify::surfels(&scene, grid, &*tracer);
+        let n = simplified.patches.len();
+        let all: Vec<u32> = (0..n as u32).collect();
+        // Rows shorter than a probe; those whose leading rays stand among the others, if packets are traced; and before them.
+        for rays in [16, 256, 1024] {
+            let points = RowPoints::new(rays, 5, &*tracer);
+            let casting = Casting { marked: true, ..Casting::new(&simplified, &*tracer, &[], &points) };
+            let mut rows = Rows::new(n);
+            let sum = cast(&casting, &all, &[], &mut rows, &mut (), &Silent).unwrap();
+            let caster = Caster::new(&casting);
+            let reached: Vec<bool> = (0..n).map(|i| i % 97 == 0).collect();
+            let alone = caster.probe(&all, &reached, &Rows::new(n));
+            let marked = caster.probe(&all, &reached, &rows);
+            assert!(alone.iter().zip(&marked).all(|(a, b)| a.0 == b.0 && b.1 == 0), "{rays} rays");
+            let hidden = marked.iter().filter(|p| p.0 == Probe::Dark(View::Hidden)).count();
+            let sees = marked.iter().filter(|p| p.0 == Probe::SeesLight).count();
+            assert!(hidden > 0 && sees > 0 && hidden + sees < n, "{hidden} hidden, {sees} see light, of {n}");
+            // Hidden ones cast a probe.
+            assert_eq!(sum, ((n - hidden) * rays as usize + hidden * points.probe_rays()) as u64);
+        }
+    }
+}
