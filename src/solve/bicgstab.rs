@@ -50,13 +50,12 @@ pub fn solve<const N: usize>(
     let product = Product::new(f, source, spilled);
     let mut system = System { albedo: product.rows_of(albedo), source: product.rows_of(source), product };
     let scale = largest(&system.source);
-    let mut x = system.product.vector();
-    x[..system.source.len()].copy_from_slice(&system.source);
+    let mut x = system.product.vector_of(&system.source);
     let mut irradiance = vec![[0.0; N]; system.source.len()];
     let mut residual = [f64::INFINITY; N];
     let mut iterations = 0;
     for _ in 0..MOST_RESTARTS {
-        let mut found = x.clone();
+        let mut found = system.product.vector_of(&x[..system.source.len()]);
         // Half the tolerance: the recursive residual drifts from the true one.
         iterations += system.iterate(&mut found, scale, 0.5 * tolerance);
         let (next, error) = system.bounce(&found, scale);
@@ -119,7 +118,7 @@ impl<const N: usize> System<'_, N> {
         let mut r = product.vector();
         zip((&mut r, &v, &*x, &*source, &*albedo))
             .for_each(|(r, v, x, s, a)| *r = from_fn(|c| s[c] - (x[c] - a[c] * v[c])));
-        let (mut p, shadow) = (r.clone(), r[..n].to_vec());
+        let (mut p, shadow) = (product.vector_of(&r[..n]), r[..n].to_vec());
         let [mut rho] = sums(zip((&r, &shadow)), |(r, q)| [times(r, q)]);
         let mut active = [true; N];
         for step in 0..MOST_STEPS {

@@ -78,6 +78,13 @@ impl<'a, const N: usize> Product<'a, N> {
         vec![[0.0; N]; self.len().next_multiple_of(SPAN)]
     }
 
+    /// `values` of the rows, and zeros beyond. What nobody writes takes no memory.
+    pub fn vector_of(&self, values: &[[f64; N]]) -> Vec<[f64; N]> {
+        let mut vector = self.vector();
+        vector[..values.len()].copy_from_slice(values);
+        vector
+    }
+
     /// `values` of all patches, by row.
     pub fn rows_of(&self, values: &[[f64; N]]) -> Vec<[f64; N]> {
         self.patches.iter().map(|&i| values[i as usize]).collect()
@@ -193,10 +200,8 @@ mod tests {
             f.multiply(&x, &mut expected);
             for spilled in [false, true] {
                 let mut product = Product::new(&f, &x, spilled);
-                let rows = product.rows_of(&x);
-                let mut padded = product.vector();
-                padded[..rows.len()].copy_from_slice(&rows);
-                let mut out = rows;
+                let mut out = product.rows_of(&x);
+                let padded = product.vector_of(&out);
                 product.multiply(&padded, &mut out);
                 assert_eq!(out, product.rows_of(&expected), "{n} patches, spilled: {spilled}");
             }
