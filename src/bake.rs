@@ -136,7 +136,8 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
         let bright = bright.filter(|bright| exchange.is_balanced(bright, &primary, f));
         break (estimate, primary, bright);
     };
-    let (secondary, solution, bands) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors);
+    let spilled = run.keeper.spills();
+    let (secondary, solution, bands) = exchange.secondary(&primary, bright.as_ref(), &estimate.form_factors, spilled);
     shadows.1 += foresight.take().1;
     let mut light = PatchLight {
         direct: primary.direct,

@@ -4,7 +4,10 @@
 //! is counted, and the bytes of a row come from a sample of them. Constants are measured peaks of five scenes (see
 //! ARCHITECTURE.md), with the allocator of glibc and two threads.
 
-use crate::output::report::{memory_bytes, peak_memory_bytes};
+use crate::{
+    output::report::{memory_bytes, peak_memory_bytes},
+    solve::UNPACKED_PATCH,
+};
 
 /// Memory of a bake, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,6 +18,8 @@ pub struct Outlook {
     pub peak: u64,
     /// The form factors.
     pub rows: u64,
+    /// What solving the system adds, the rows that are unpacked for it among it; not if rows are spilled.
+    pub solving: u64,
     /// What the rest of the bake adds at its largest, without the rows.
     pub rest: u64,
     /// What of this is there when the bake is done, for those who go on with it.
@@ -37,6 +42,8 @@ pub(crate) struct Sizes {
 
 /// Bytes a patch while the system is solved.
 const SOLVED_PATCH: f64 = 260.0;
+/// Unpacked rows against coded ones.
+const UNPACKED: f64 = 1.2;
 /// Bytes a corner while the split mesh is made.
 const CORNER: f64 = 100.0;
 /// Bytes a vertex with its light.
@@ -60,11 +67,14 @@ impl Outlook {
         let estimated = if estimate { patches as f64 * ESTIMATED_PATCH } else { 0.0 };
         let lasting = patches as f64 * LASTING_PATCH + meshed;
         let rest = solved + (meshed + estimated).max(corners as f64 * CORNER);
+        let unpacks = row_bytes <= patches as f64 * UNPACKED_PATCH as f64;
+        let solving = solved + if unpacks { UNPACKED * row_bytes } else { 0.0 };
         let reused = REUSED + REUSED_SHARE * held as f64;
         Outlook {
             held,
             peak,
             rows: row_bytes as u64,
+            solving: solving as u64,
             rest: rest as u64,
             lasting: lasting as u64,
             reused: reused as u64,
@@ -80,9 +90,9 @@ impl Outlook {
     /// The largest memory of the process, if pictures of so many pixels are made at last; without the rows if they are
     /// `spilled`.
     pub fn most(&self, pixels: u64, spilled: bool) -> u64 {
-        let rows = if spilled { 0 } else { self.rows };
+        let (rows, solving) = if spilled { (0, 0) } else { (self.rows, self.solving) };
         let with = |more: u64| self.held + (rows + more).saturating_sub(self.reused);
-        self.peak.max(with(self.rest)).max(with(self.lasting) + (pixels as f64 * PIXEL) as u64)
+        self.peak.max(with(self.rest.max(solving))).max(with(self.lasting) + (pixels as f64 * PIXEL) as u64)
     }
 }
 
@@ -93,9 +103,19 @@ mod tests {
     #[test]
     fn the_largest_of_what_comes_counts_and_spilled_rows_do_not() {
         let mb = 1 << 20;
-        let outlook =
-            Outlook { held: 100 * mb, peak: 120 * mb, rows: 50 * mb, rest: 40 * mb, lasting: 10 * mb, reused: 20 * mb };
+        let outlook = Outlook {
+            held: 100 * mb,
+            peak: 120 * mb,
+            rows: 50 * mb,
+            solving: 30 * mb,
+            rest: 40 * mb,
+            lasting: 10 * mb,
+            reused: 20 * mb,
+        };
         assert_eq!(outlook.most(0, false), 170 * mb);
+        let solving = Outlook { solving: 60 * mb, ..outlook };
+        assert_eq!(solving.most(0, false), 190 * mb);
+        assert_eq!(solving.most(0, true), 120 * mb);
         // Nothing is below what was held already.
         assert_eq!(outlook.most(0, true), 120 * mb);
         let pictures = outlook.most(1 << 20, false);

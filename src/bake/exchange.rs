@@ -149,12 +149,14 @@ impl Exchange<'_> {
         self.simplified.patches.area[i] as f64 * (1.0 - f.hidden(i))
     }
 
-    /// Solves for the light that goes on by form factors; and how many of the channels are distinct.
+    /// Solves for the light that goes on by form factors, which may have been `spilled` from memory; and how many of the
+    /// channels are distinct.
     pub fn secondary(
         &self,
         primary: &PrimaryLight,
         bright: Option<&Sent>,
         f: &FormFactors,
+        spilled: bool,
     ) -> (Secondary, Solution, usize) {
         let albedo: Vec<[f64; 3]> = self.simplified.patches.albedo.iter().map(|&a| rgb(a)).collect();
         let mut source = primary.source.clone();
@@ -167,9 +169,9 @@ impl Exchange<'_> {
             }
         }
         let (solution, bands) = if self.foresight.on {
-            skip::solve(f, &albedo, &source, self.options.tolerance)
+            skip::solve(f, &albedo, &source, self.options.tolerance, spilled)
         } else {
-            (solve::solve(f, &albedo, &source, self.options.tolerance), 3)
+            (solve::solve(f, &albedo, &source, self.options.tolerance, spilled), 3)
         };
         let smooth: Vec<Vec3> = solution.irradiance.iter().map(|&e| vec3(e)).collect();
         let indirect = add(sent, Some(smooth.clone()));

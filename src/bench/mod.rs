@@ -14,6 +14,7 @@ use crate::{
 };
 
 mod cache;
+mod growth;
 mod machine;
 mod pareto;
 mod plot;
@@ -23,6 +24,7 @@ mod sweep;
 mod table;
 
 pub use cache::Truth;
+pub use growth::{Growth, growth_svg};
 pub use machine::Machine;
 pub use plot::svg;
 pub use suite::{SUITE, SuiteScene};

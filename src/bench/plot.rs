@@ -14,9 +14,9 @@ use super::{
 };
 use crate::{Error, Result};
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn = std::result::Result<(), Box<dyn error::Error>>;
-type Pixel = (i32, i32);
+pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Drawn = std::result::Result<(), Box<dyn error::Error>>;
+pub(super) type Pixel = (i32, i32);
 
 const SIZE: (u32, u32) = (1560, 660);
 /// Left, top, right, bottom of the panels.
@@ -24,15 +24,15 @@ const PANELS: [[i32; 4]; 2] = [[90, 110, 610, 590], [710, 110, 1230, 590]];
 const LEGEND: Pixel = (1260, 122);
 
 /// Colours that colour-blind readers can tell apart (Okabe & Ito 2008): one a patch source.
-const COLOURS: [RGBColor; 5] = [
+pub(super) const COLOURS: [RGBColor; 5] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
 ];
-const INK: RGBColor = RGBColor(40, 40, 40);
-const PALE: RGBColor = RGBColor(225, 225, 225);
+pub(super) const INK: RGBColor = RGBColor(40, 40, 40);
+pub(super) const PALE: RGBColor = RGBColor(225, 225, 225);
 const PATHS: RGBColor = RGBColor(110, 110, 110);
 const FRONT: RGBColor = RGBColor(250, 200, 60);
 
@@ -187,16 +187,16 @@ fn legend(root: &Area, bench: &SceneBench) -> Drawn {
 }
 
 /// A logarithmic axis from one pixel to another.
-struct Axis {
-    low: f64,
-    high: f64,
+pub(super) struct Axis {
+    pub low: f64,
+    pub high: f64,
     from: i32,
     to: i32,
 }
 
 impl Axis {
     /// Around all values, with some room at both ends.
-    fn new(values: impl Iterator<Item = f64>, from: i32, to: i32) -> Axis {
+    pub fn new(values: impl Iterator<Item = f64>, from: i32, to: i32) -> Axis {
         let logs: Vec<f64> = values.filter(|v| *v > 0.0 && v.is_finite()).map(f64::log10).collect();
         let (low, high) = logs.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
         let (low, high) = if logs.is_empty() { (-1.0, 1.0) } else { (low, high) };
@@ -204,7 +204,7 @@ impl Axis {
         Axis { low: low - room, high: high + room, from, to }
     }
 
-    fn pixel(&self, value: f64) -> i32 {
+    pub fn pixel(&self, value: f64) -> i32 {
         let share = (value.log10() - self.low) / (self.high - self.low);
         // What is not finite stands at the far end.
         let share = if share.is_finite() { share } else { 1.0 };
@@ -212,7 +212,7 @@ impl Axis {
     }
 
     /// 1, 2, 5 of every decade; whether each has its number written.
-    fn ticks(&self) -> Vec<(f64, bool)> {
+    pub fn ticks(&self) -> Vec<(f64, bool)> {
         let wide = self.high - self.low > 3.2;
         let decades = self.low.floor() as i32..=self.high.ceil() as i32;
         let all = decades.flat_map(|d| [1.0, 2.0, 5.0].map(|m| (m * 10.0_f64.powi(d), m == 1.0 || !wide)));
@@ -228,29 +228,29 @@ fn grouped(n: usize) -> String {
 }
 
 /// Without digits that say nothing.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     let digits = (-value.log10().floor()).max(0.0) as usize;
     format!("{value:.digits$}")
 }
 
 /// Where a text lies from its place.
 #[derive(Clone, Copy)]
-struct Anchor(HPos, VPos);
+pub(super) struct Anchor(HPos, VPos);
 
 impl Anchor {
-    const LEFT: Anchor = Anchor(HPos::Left, VPos::Center);
-    const RIGHT: Anchor = Anchor(HPos::Right, VPos::Center);
-    const TOP: Anchor = Anchor(HPos::Center, VPos::Top);
-    const BOTTOM: Anchor = Anchor(HPos::Center, VPos::Bottom);
+    pub const LEFT: Anchor = Anchor(HPos::Left, VPos::Center);
+    pub const RIGHT: Anchor = Anchor(HPos::Right, VPos::Center);
+    pub const TOP: Anchor = Anchor(HPos::Center, VPos::Top);
+    pub const BOTTOM: Anchor = Anchor(HPos::Center, VPos::Bottom);
     const LOWER_LEFT: Anchor = Anchor(HPos::Left, VPos::Bottom);
     const UPPER_RIGHT: Anchor = Anchor(HPos::Right, VPos::Top);
 }
 
-fn style(size: i32, Anchor(h, v): Anchor) -> TextStyle<'static> {
+pub(super) fn style(size: i32, Anchor(h, v): Anchor) -> TextStyle<'static> {
     ("sans-serif", size).into_font().color(&INK).pos(Pos::new(h, v))
 }
 
-fn write(root: &Area, text: &str, at: Pixel, size: i32, anchor: Anchor) -> Drawn {
+pub(super) fn write(root: &Area, text: &str, at: Pixel, size: i32, anchor: Anchor) -> Drawn {
     Ok(root.draw_text(text, &style(size, anchor), at)?)
 }
 

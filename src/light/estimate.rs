@@ -32,6 +32,9 @@ const ASKED: usize = 4;
 /// Rays traced in one call, about.
 const BATCH: usize = 4096;
 
+/// Batches of a piece of work at most: their cost differs, and the larger the last piece, the longer the others wait for it.
+const PIECE: usize = 8;
+
 /// Owen-scrambled Sobol numbers end here.
 const MOST_SAMPLES: u32 = 1 << 16;
 
@@ -75,6 +78,7 @@ pub fn irradiance_where(
     let (rays, spared) = irradiance
         .par_chunks_mut(chunk)
         .zip(points.par_chunks(chunk * per_receiver))
+        .with_max_len(PIECE)
         .map_init(Scratch::default, |scratch, (out, points)| {
             let mut work = Work { lights, numbers: &numbers, known, scratch };
             for receiver in points.chunks_exact(per_receiver) {

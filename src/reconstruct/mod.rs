@@ -61,6 +61,8 @@ impl Field<'_> {
 
 /// Points of a unit of parallel work.
 const CHUNK: usize = 64;
+/// Units that are not shared out further: few, for their cost differs.
+const PIECE: usize = 4;
 
 /// Carries the field to `points`. Values are never negative. The result of a point depends on nothing but its
 /// position and normal; it is zero if these are not finite or the normal is not a unit vector.
@@ -73,6 +75,7 @@ pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) 
     };
     points
         .par_chunks(CHUNK)
+        .with_max_len(PIECE)
         .flat_map_iter(|chunk| match (method, &gather) {
             (Reconstruct::Nearest4, _) => chunk.iter().map(|p| nearest4::interpolate(field, p)).collect(),
             (Reconstruct::Gather, Some(gather)) => everywhere(field, gather, chunk),

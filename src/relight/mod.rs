@@ -427,7 +427,7 @@ impl Relighter {
         for (k, &i) in patches.iter().enumerate() {
             source[i as usize] = self.solution.source[k].truncate().to_array().map(f64::from);
         }
-        let exact = solve::solve(&self.bake.form_factors, &albedo, &source, 0.1 * tolerance);
+        let exact = solve::solve(&self.bake.form_factors, &albedo, &source, 0.1 * tolerance, false);
         let value = |v: [f64; 3]| Vec3::from_array(v.map(|x| x as f32)).min(Vec3::MAX).extend(0.0);
         for (k, &i) in patches.iter().enumerate() {
             self.solution.radiosity[k] = value(exact.radiosity[i as usize]);

@@ -9,7 +9,13 @@ use crate::{
 /// there are.
 ///
 /// Channels are equal if albedo and source are, at every patch: grey scenes have one, and so have two dark channels.
-pub fn solve(f: &FormFactors, albedo: &[[f64; 3]], source: &[[f64; 3]], tolerance: f64) -> (Solution, usize) {
+pub fn solve(
+    f: &FormFactors,
+    albedo: &[[f64; 3]],
+    source: &[[f64; 3]],
+    tolerance: f64,
+    spilled: bool,
+) -> (Solution, usize) {
     let equal = |a: usize, b: usize| {
         let same = |x: &[[f64; 3]]| x.iter().all(|x| x[a].to_bits() == x[b].to_bits());
         same(source) && same(albedo)
@@ -18,11 +24,11 @@ pub fn solve(f: &FormFactors, albedo: &[[f64; 3]], source: &[[f64; 3]], toleranc
     let first = [0, if equal(0, 1) { 0 } else { 1 }, if equal(0, 2) { 0 } else { 2 }];
     let first = if first == [0, 1, 2] && equal(1, 2) { [0, 1, 1] } else { first };
     match first {
-        [0, 0, 0] => (some::<1>(f, albedo, source, tolerance, [0], [0, 0, 0]), 1),
-        [0, 0, 2] => (some::<2>(f, albedo, source, tolerance, [0, 2], [0, 0, 1]), 2),
-        [0, 1, 0] => (some::<2>(f, albedo, source, tolerance, [0, 1], [0, 1, 0]), 2),
-        [0, 1, 1] => (some::<2>(f, albedo, source, tolerance, [0, 1], [0, 1, 1]), 2),
-        _ => (solve::solve(f, albedo, source, tolerance), 3),
+        [0, 0, 0] => (some::<1>(f, albedo, source, (tolerance, spilled), [0], [0, 0, 0]), 1),
+        [0, 0, 2] => (some::<2>(f, albedo, source, (tolerance, spilled), [0, 2], [0, 0, 1]), 2),
+        [0, 1, 0] => (some::<2>(f, albedo, source, (tolerance, spilled), [0, 1], [0, 1, 0]), 2),
+        [0, 1, 1] => (some::<2>(f, albedo, source, (tolerance, spilled), [0, 1], [0, 1, 1]), 2),
+        _ => (solve::solve(f, albedo, source, tolerance, spilled), 3),
     }
 }
 
@@ -31,12 +37,12 @@ fn some<const N: usize>(
     f: &FormFactors,
     albedo: &[[f64; 3]],
     source: &[[f64; 3]],
-    tolerance: f64,
+    (tolerance, spilled): (f64, bool),
     of: [usize; N],
     place: [usize; 3],
 ) -> Solution {
     let take = |x: &[[f64; 3]]| x.iter().map(|x| of.map(|c| x[c])).collect::<Vec<[f64; N]>>();
-    let s = solve::solve(f, &take(albedo), &take(source), tolerance);
+    let s = solve::solve(f, &take(albedo), &take(source), tolerance, spilled);
     let all = |x: Vec<[f64; N]>| x.into_iter().map(|x| place.map(|c| x[c])).collect();
     Solution {
         radiosity: all(s.radiosity),
@@ -64,8 +70,8 @@ mod tests {
         for (channels, distinct) in [([0, 0, 0], 1), ([0, 0, 1], 2), ([0, 1, 0], 2), ([1, 0, 0], 2), ([0, 1, 2], 3)] {
             let albedo: Vec<[f64; 3]> = (0..n).map(|i| channels.map(|c| 0.9 * unit(i, 10 + c))).collect();
             let source: Vec<[f64; 3]> = (0..n).map(|i| channels.map(|c| unit(i, 20 + c))).collect();
-            let (some, count) = solve(&f, &albedo, &source, 1e-9);
-            let all = solve::solve(&f, &albedo, &source, 1e-9);
+            let (some, count) = solve(&f, &albedo, &source, 1e-9, false);
+            let all = solve::solve(&f, &albedo, &source, 1e-9, false);
             assert_eq!(count, distinct);
             assert_eq!((some.iterations, some.residual), (all.iterations, all.residual));
             assert!(some.radiosity == all.radiosity && some.irradiance == all.irradiance, "{channels:?}");

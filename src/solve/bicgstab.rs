@@ -3,8 +3,14 @@
 //! Jacobi needs 1/(1 - rho) times as many sweeps as this; at albedo 0.999 that is 12,000. The stabilised conjugate
 //! gradients need no symmetry, which estimated form factors do not have, and take two products a step.
 
-use rayon::prelude::*;
+use std::array::from_fn;
 
+use rayon::{
+    iter::{MaxLen, MinLen},
+    prelude::*,
+};
+
+use super::product::Product;
 use crate::transfer::FormFactors;
 
 /// A solution and how it was found.
@@ -12,7 +18,7 @@ use crate::transfer::FormFactors;
 pub struct Solution<const N: usize = 3> {
     /// Radiosity B, the unit of the source.
     pub radiosity: Vec<[f64; N]>,
-    /// Irradiance from other patches: F B.
+    /// Irradiance E from other patches: B = S + rho E, and E = F B within the residual.
     pub irradiance: Vec<[f64; N]>,
     /// Steps, of the channel that took most.
     pub iterations: usize,
@@ -25,29 +31,43 @@ const MOST_STEPS: usize = 200;
 const MOST_RESTARTS: usize = 20;
 /// Plain bounces where the method breaks down.
 const BOUNCES: usize = 50;
+/// Rows that are one piece of work, and whose sums are added up together.
+const BLOCK: usize = 512;
 
 /// Solves B = S + rho F B until the residual is below `tolerance` times the largest source in each channel.
 ///
 /// `albedo` (rho) and `source` (S) have one entry a patch, 0 <= rho < 1, S >= 0. f64 throughout; sums run over fixed
-/// blocks: the same bits for any number of threads. The residual reached is in the result.
-pub fn solve<const N: usize>(f: &FormFactors, albedo: &[[f64; N]], source: &[[f64; N]], tolerance: f64) -> Solution<N> {
-    let system = System { f, albedo };
-    let scale = largest(source);
-    let mut x = source.to_vec();
+/// blocks: the same bits for any number of threads. The residual reached is in the result. The rows of `f` are unpacked for
+/// it, into about as much memory as they take coded; not if they have left the memory (`spilled`), which is slower and
+/// gives the same bits.
+pub fn solve<const N: usize>(
+    f: &FormFactors,
+    albedo: &[[f64; N]],
+    source: &[[f64; N]],
+    tolerance: f64,
+    spilled: bool,
+) -> Solution<N> {
+    let product = Product::new(f, source, spilled);
+    let mut system = System { albedo: product.rows_of(albedo), source: product.rows_of(source), product };
+    let scale = largest(&system.source);
+    let mut x = system.product.vector_of(&system.source);
+    let mut irradiance = vec![[0.0; N]; system.source.len()];
     let mut residual = [f64::INFINITY; N];
     let mut iterations = 0;
     for _ in 0..MOST_RESTARTS {
-        let mut found = x.clone();
+        let mut found = system.product.vector_of(&x[..system.source.len()]);
         // Half the tolerance: the recursive residual drifts from the true one.
-        iterations += system.iterate(source, &mut found, scale, 0.5 * tolerance);
-        let (next, error) = system.bounce(source, &found, scale);
-        let good: [bool; N] = std::array::from_fn(|c| error[c] <= tolerance || error[c] < residual[c]);
-        update(&mut x, |i, x| std::array::from_fn(|c| if good[c] { next[i][c] } else { x[c] }));
-        residual = std::array::from_fn(|c| if good[c] { error[c] } else { residual[c] });
+        iterations += system.iterate(&mut found, scale, 0.5 * tolerance);
+        let (next, error) = system.bounce(&found, scale);
+        let good: [bool; N] = from_fn(|c| error[c] <= tolerance || error[c] < residual[c]);
+        residual = from_fn(|c| if good[c] { error[c] } else { residual[c] });
+        zip((&mut irradiance, &next)).for_each(|(e, next)| *e = from_fn(|c| if good[c] { next[c] } else { e[c] }));
+        system.reflect(&irradiance, &mut x);
         if good.contains(&false) {
             // The method broke down. Bounces always come nearer, and begin the next attempt elsewhere.
             for _ in 0..BOUNCES {
-                (x, residual) = system.bounce(source, &x, scale);
+                (irradiance, residual) = system.bounce(&x, scale);
+                system.reflect(&irradiance, &mut x);
             }
             iterations += BOUNCES;
         }
@@ -55,67 +75,80 @@ pub fn solve<const N: usize>(f: &FormFactors, albedo: &[[f64; N]], source: &[[f6
             break;
         }
     }
-    let mut irradiance = vec![[0.0; N]; x.len()];
-    f.multiply(&x, &mut irradiance);
-    Solution { radiosity: x, irradiance, iterations, residual: residual.into_iter().fold(0.0, f64::max) }
+    // What takes no part has no light of its own and gets none.
+    let (mut radiosity, mut received) = (source.to_vec(), vec![[0.0; N]; source.len()]);
+    for ((&i, b), e) in system.product.patches.iter().zip(x).zip(irradiance) {
+        (radiosity[i as usize], received[i as usize]) = (b, e);
+    }
+    let residual = residual.into_iter().fold(0.0, f64::max);
+    Solution { radiosity, irradiance: received, iterations, residual }
 }
 
+/// The system of the patches that take part. Vectors that are multiplied have room beyond their last row.
 struct System<'a, const N: usize> {
-    f: &'a FormFactors,
-    albedo: &'a [[f64; N]],
+    product: Product<'a, N>,
+    albedo: Vec<[f64; N]>,
+    source: Vec<[f64; N]>,
 }
 
 impl<const N: usize> System<'_, N> {
-    /// S + rho F x, which is not negative, and max |S + rho F x - x| / max |S| of every channel.
-    fn bounce(&self, source: &[[f64; N]], x: &[[f64; N]], scale: [f64; N]) -> (Vec<[f64; N]>, [f64; N]) {
-        let mut next = vec![[0.0; N]; x.len()];
-        self.f.multiply(x, &mut next);
-        update(&mut next, |i, e| std::array::from_fn(|c| source[i][c] + self.albedo[i][c] * e[c].max(0.0)));
-        let error: Vec<[f64; N]> = x.iter().zip(&next).map(|(a, b)| std::array::from_fn(|c| a[c] - b[c])).collect();
-        let error = largest(&error);
-        (next, std::array::from_fn(|c| if scale[c] > 0.0 { error[c] / scale[c] } else { 0.0 }))
+    /// E = F x, which is not negative, and max |S + rho E - x| / max |S| of every channel.
+    fn bounce(&mut self, x: &[[f64; N]], scale: [f64; N]) -> (Vec<[f64; N]>, [f64; N]) {
+        let mut next = vec![[0.0; N]; self.source.len()];
+        self.product.multiply(x, &mut next);
+        let rest = zip((&mut next, x, &self.source, &self.albedo)).map(|(e, x, s, a)| {
+            *e = e.map(|e| e.max(0.0));
+            from_fn(|c| s[c] + a[c] * e[c] - x[c])
+        });
+        let error: [f64; N] = most(rest);
+        (next, from_fn(|c| if scale[c] > 0.0 { error[c] / scale[c] } else { 0.0 }))
     }
 
-    /// out = x - rho F x
-    fn apply(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
-        self.f.multiply(x, out);
-        out.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, o)| {
-            *o = std::array::from_fn(|c| x[i][c] - self.albedo[i][c] * o[c]);
-        });
+    /// x = S + rho E
+    fn reflect(&self, irradiance: &[[f64; N]], x: &mut [[f64; N]]) {
+        zip((x, &self.source, &self.albedo, irradiance)).for_each(|(x, s, a, e)| *x = from_fn(|c| s[c] + a[c] * e[c]));
     }
 
     /// Improves `x`; returns the number of steps.
-    fn iterate(&self, source: &[[f64; N]], x: &mut [[f64; N]], scale: [f64; N], tolerance: f64) -> usize {
-        let n = x.len();
-        let mut r = vec![[0.0; N]; n];
-        self.apply(x, &mut r);
-        update(&mut r, |i, r| std::array::from_fn(|c| source[i][c] - r[c]));
-        let shadow = r.clone();
-        let (mut p, mut v, mut t) = (r.clone(), vec![[0.0; N]; n], vec![[0.0; N]; n]);
-        let mut rho = dot(&shadow, &r);
+    fn iterate(&mut self, x: &mut [[f64; N]], scale: [f64; N], tolerance: f64) -> usize {
+        let System { product, albedo, source } = self;
+        let n = source.len();
+        let (mut v, mut t) = (vec![[0.0; N]; n], vec![[0.0; N]; n]);
+        product.multiply(x, &mut v);
+        let mut r = product.vector();
+        zip((&mut r, &v, &*x, &*source, &*albedo))
+            .for_each(|(r, v, x, s, a)| *r = from_fn(|c| s[c] - (x[c] - a[c] * v[c])));
+        let (mut p, shadow) = (product.vector_of(&r[..n]), r[..n].to_vec());
+        let [mut rho] = sums(zip((&r, &shadow)), |(r, q)| [times(r, q)]);
         let mut active = [true; N];
         for step in 0..MOST_STEPS {
-            let worst = largest(&r);
+            let worst = largest(&r[..n]);
             for c in 0..N {
                 active[c] &= worst[c] > tolerance * scale[c];
             }
             if !active.contains(&true) {
                 return step;
             }
-            self.apply(&p, &mut v);
-            let alpha = quotient(rho, dot(&shadow, &v), &mut active);
-            update(&mut r, |i, s| std::array::from_fn(|c| s[c] - alpha[c] * v[i][c]));
-            self.apply(&r, &mut t);
-            let omega = quotient(dot(&t, &r), dot(&t, &t), &mut [true; N]);
-            update(x, |i, x| std::array::from_fn(|c| x[c] + alpha[c] * p[i][c] + omega[c] * r[i][c]));
-            update(&mut r, |i, s| std::array::from_fn(|c| s[c] - omega[c] * t[i][c]));
-            let next = dot(&shadow, &r);
-            let beta = quotient(
-                std::array::from_fn(|c| next[c] * alpha[c]),
-                std::array::from_fn(|c| rho[c] * omega[c]),
-                &mut active,
-            );
-            update(&mut p, |i, p| std::array::from_fn(|c| r[i][c] + beta[c] * (p[c] - omega[c] * v[i][c])));
+            product.multiply(&p, &mut v);
+            let [along] = sums(zip((&mut v, &p, &*albedo, &shadow)), |(v, p, a, q)| {
+                *v = from_fn(|c| p[c] - a[c] * v[c]);
+                [times(q, v)]
+            });
+            let alpha = quotient(rho, along, &mut active);
+            zip((&mut r, &v)).for_each(|(r, v)| *r = from_fn(|c| r[c] - alpha[c] * v[c]));
+            product.multiply(&r, &mut t);
+            let [tr, tt] = sums(zip((&mut t, &r, &*albedo)), |(t, r, a)| {
+                *t = from_fn(|c| r[c] - a[c] * t[c]);
+                [times(t, r), times(t, t)]
+            });
+            let omega = quotient(tr, tt, &mut [true; N]);
+            let [next] = sums(zip((&mut *x, &mut r, &p, &t, &shadow)), |(x, r, p, t, q)| {
+                *x = from_fn(|c| x[c] + alpha[c] * p[c] + omega[c] * r[c]);
+                *r = from_fn(|c| r[c] - omega[c] * t[c]);
+                [times(q, r)]
+            });
+            let beta = quotient(from_fn(|c| next[c] * alpha[c]), from_fn(|c| rho[c] * omega[c]), &mut active);
+            zip((&mut p, &r, &v)).for_each(|(p, r, v)| *p = from_fn(|c| r[c] + beta[c] * (p[c] - omega[c] * v[c])));
             rho = next;
         }
         MOST_STEPS
@@ -124,31 +157,44 @@ impl<const N: usize> System<'_, N> {
 
 /// a / b for the active channels, zero for the others; a breakdown ends its channel.
 fn quotient<const N: usize>(a: [f64; N], b: [f64; N], active: &mut [bool; N]) -> [f64; N] {
-    std::array::from_fn(|c| {
+    from_fn(|c| {
         let q = a[c] / b[c];
         active[c] &= q.is_finite();
         if active[c] { q } else { 0.0 }
     })
 }
 
-fn update<const N: usize>(x: &mut [[f64; N]], f: impl Fn(usize, [f64; N]) -> [f64; N] + Sync) {
-    x.par_iter_mut().with_min_len(4096).enumerate().for_each(|(i, x)| *x = f(i, *x));
+fn times<const N: usize>(a: &[f64; N], b: &[f64; N]) -> [f64; N] {
+    from_fn(|c| a[c] * b[c])
+}
+
+/// Rows of several vectors side by side, up to the end of the shortest.
+fn zip<T>(vectors: T) -> MaxLen<MinLen<T::Iter>>
+where
+    T: IntoParallelIterator<Iter: IndexedParallelIterator>,
+{
+    vectors.into_par_iter().with_min_len(BLOCK).with_max_len(4 * BLOCK)
 }
 
 /// Sums over blocks of fixed size, then over the blocks in order.
-fn dot<const N: usize>(a: &[[f64; N]], b: &[[f64; N]]) -> [f64; N] {
-    let blocks: Vec<[f64; N]> = a
-        .par_chunks(4096)
-        .zip(b.par_chunks(4096))
-        .map(|(a, b)| a.iter().zip(b).fold([0.0; N], |sum, (a, b)| std::array::from_fn(|c| sum[c] + a[c] * b[c])))
-        .collect();
-    blocks.iter().fold([0.0; N], |sum, b| std::array::from_fn(|c| sum[c] + b[c]))
+fn sums<R, const N: usize, const K: usize>(
+    rows: impl IndexedParallelIterator<Item = R>,
+    of: impl Fn(R) -> [[f64; N]; K] + Sync + Send,
+) -> [[f64; N]; K] {
+    let add = |sum: [[f64; N]; K], more: [[f64; N]; K]| from_fn(|k| from_fn(|c| sum[k][c] + more[k][c]));
+    let blocks: Vec<[[f64; N]; K]> = rows.fold_chunks(BLOCK, || [[0.0; N]; K], |sum, row| add(sum, of(row))).collect();
+    blocks.into_iter().fold([[0.0; N]; K], add)
 }
 
 /// Largest absolute value of each channel; infinite where there is one that is no number.
 fn largest<const N: usize>(x: &[[f64; N]]) -> [f64; N] {
+    most(zip(x).copied())
+}
+
+fn most<const N: usize>(rows: impl ParallelIterator<Item = [f64; N]>) -> [f64; N] {
     let size = |x: f64| if x.is_nan() { f64::INFINITY } else { x.abs() };
-    x.iter().fold([0.0; N], |most, x| std::array::from_fn(|c| f64::max(most[c], size(x[c]))))
+    let most = |a: [f64; N], b: [f64; N]| from_fn(|c| a[c].max(b[c]));
+    rows.map(|x| x.map(size)).reduce(|| [0.0; N], most)
 }
 
 #[cfg(test)]
@@ -191,7 +237,7 @@ mod tests {
     /// sums to more than 1. The residual told is that before a last bounce, which makes it no larger.
     fn check(f: &FormFactors, albedo: &[Rgb], source: &[Rgb], what: &str) {
         let tolerance = 1e-9;
-        let solution = solve(f, albedo, source, tolerance);
+        let solution = solve(f, albedo, source, tolerance, false);
         assert!(solution.residual <= tolerance, "{what}: {solution:?}");
         let most = albedo.iter().flatten().copied().fold(0.0, f64::max);
         for c in 0..3 {

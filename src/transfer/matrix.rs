@@ -65,11 +65,17 @@ impl FormFactors {
     /// The matrix of these hits and escaping rays, row by row.
     #[cfg(test)]
     pub(crate) fn of_hits(rows: &[(Vec<u32>, u32)]) -> FormFactors {
+        let entries = |hits: &[u32]| (0..).zip(hits.iter().copied()).filter(|e| e.1 > 0).collect();
+        Self::of_entries(&rows.iter().map(|(hits, escaped)| (entries(hits), *escaped)).collect::<Vec<_>>())
+    }
+
+    /// The matrix of rows of (patch, hits), sorted by patch, and escaping rays.
+    #[cfg(test)]
+    pub(crate) fn of_entries(rows: &[(Vec<(u32, u32)>, u32)]) -> FormFactors {
         let mut block = BlockWriter::default();
-        for (i, (hits, escaped)) in rows.iter().enumerate() {
-            let entries: Vec<(u32, u32)> = (0..).zip(hits.iter().copied()).filter(|e| e.1 > 0).collect();
-            let valid = hits.iter().sum::<u32>() + escaped;
-            block.push(&entries, Row { patch: i as u32, valid, escaped: *escaped, ..Row::default() });
+        for (i, (entries, escaped)) in rows.iter().enumerate() {
+            let valid = entries.iter().map(|e| e.1).sum::<u32>() + escaped;
+            block.push(entries, Row { patch: i as u32, valid, escaped: *escaped, ..Row::default() });
         }
         let all = vec![true; rows.len()];
         let mut store = Rows::new(rows.len());
@@ -164,11 +170,13 @@ impl FormFactors {
         &block[place.begin as usize..place.end as usize]
     }
 
-    fn entries(&self, i: usize) -> Entries<'_> {
+    /// What the rays of row `i` met: (patch, hits), sorted by patch.
+    pub(crate) fn entries(&self, i: usize) -> Entries<'_> {
         Entries::new(self.bytes(i))
     }
 
-    fn scale(&self, i: usize) -> f64 {
+    /// What a hit of row `i` counts.
+    pub(crate) fn scale(&self, i: usize) -> f64 {
         let rays = if self.closed { self.valid[i] - self.escaped[i] } else { self.valid[i] };
         1.0 / rays.max(1) as f64
     }
