@@ -23,6 +23,7 @@ mod relit;
 mod skipped;
 mod vertices;
 
+pub(crate) use exchange::is_balanced;
 pub use finished::{Bake, Irradiance, PatchLight};
 pub use outline::{Outline, outline};
 pub use prepared::Kept;

@@ -257,51 +257,45 @@ impl Scratch {
     }
 }
 
-/// What all senders give to a receiver in full view, the mean over `points`; `given` tells the sum of the bands of each,
+/// What all senders give to a receiver in full view: those that are near to the mean over `points`, others to their middle.
+/// `given` tells the sum of the bands of each,
 /// `blocks` of each block.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
 fn give(crowd: &Crowd, points: &[SurfacePoint], given: &mut Vec<f32>, blocks: &mut Vec<f32>) -> Vec3 {
     given.resize(crowd.area.len(), 0.0);
     blocks.clear();
+    let share = 1.0 / points.len() as f32;
+    let p = share * points.iter().map(|x| x.position).sum::<Vec3>();
+    let n = share * points.iter().map(|x| x.normal).sum::<Vec3>();
     let mut sums = [NONE; 3];
     for at in (0..crowd.area.len()).step_by(WIDTH) {
         let [px, py, pz] = load([&crowd.place[0], &crowd.place[1], &crowd.place[2]], at);
         let [nx, ny, nz] = load([&crowd.normal[0], &crowd.normal[1], &crowd.normal[2]], at);
         let [area, near] = load([&crowd.area, &crowd.near], at);
         let [red, green, blue] = load([&crowd.colour[0], &crowd.colour[1], &crowd.colour[2]], at);
-        let mut form = NONE;
-        for x in points {
-            let (p, n) = (x.position, x.normal);
-            let mut here = NONE;
-            let mut d2s = NONE;
-            for i in 0..WIDTH {
-                let (dx, dy, dz) = (px[i] - p.x, py[i] - p.y, pz[i] - p.z);
-                let d2 = dx * dx + dy * dy + dz * dz;
-                let up = dx * n.x + dy * n.y + dz * n.z;
-                let down = -(dx * nx[i] + dy * ny[i] + dz * nz[i]);
-                let (up, down) = (if up > 0.0 { up } else { 0.0 }, if down > 0.0 { down } else { 0.0 });
-                let under = d2 * (PI * d2 + area[i]);
-                here[i] = up * down * area[i] / if under > f32::MIN_POSITIVE { under } else { f32::MIN_POSITIVE };
-                d2s[i] = d2 - near[i];
-            }
-            let mut nearest = 0.0;
-            for i in 0..WIDTH {
-                nearest = if d2s[i] < nearest { d2s[i] } else { nearest };
-            }
-            if nearest < 0.0 {
-                for i in (0..WIDTH).filter(|&i| d2s[i] < 0.0) {
-                    here[i] = crowd.nearby(at + i, x);
-                }
-            }
-            for i in 0..WIDTH {
-                form[i] += here[i];
+        let (mut form, mut d2s) = (NONE, NONE);
+        for i in 0..WIDTH {
+            let (dx, dy, dz) = (px[i] - p.x, py[i] - p.y, pz[i] - p.z);
+            let d2 = dx * dx + dy * dy + dz * dz;
+            let up = dx * n.x + dy * n.y + dz * n.z;
+            let down = -(dx * nx[i] + dy * ny[i] + dz * nz[i]);
+            let (up, down) = (if up > 0.0 { up } else { 0.0 }, if down > 0.0 { down } else { 0.0 });
+            let under = d2 * (PI * d2 + area[i]);
+            form[i] = up * down * area[i] / if under > f32::MIN_POSITIVE { under } else { f32::MIN_POSITIVE };
+            d2s[i] = d2 - near[i];
+        }
+        let mut nearest = 0.0;
+        for i in 0..WIDTH {
+            nearest = if d2s[i] < nearest { d2s[i] } else { nearest };
+        }
+        if nearest < 0.0 {
+            for i in (0..WIDTH).filter(|&i| d2s[i] < 0.0) {
+                form[i] = share * points.iter().map(|x| crowd.nearby(at + i, x)).sum::<f32>();
             }
         }
-        let share = 1.0 / points.len() as f32;
         let mut all = NONE;
         for i in 0..WIDTH {
-            let form = share * form[i];
-            let (r, g, b) = (form * red[i], form * green[i], form * blue[i]);
+            let (r, g, b) = (form[i] * red[i], form[i] * green[i], form[i] * blue[i]);
             sums[0][i] += r;
             sums[1][i] += g;
             sums[2][i] += b;

@@ -1,5 +1,9 @@
 //! What lamps give to many samples at once, compiled for several processors; the widest that this one has is taken.
 //!
+//! These are the formulas of `form`, `lamp` and `aim` a second time: there they are for any lamp, in f64 and with branches
+//! that spare most of the work; here f32 without branches or calls, or the compiler would make no vectors of them. The
+//! tests of `stream` hold the two against each other.
+//!
 //! Rust never contracts to fused multiply-add, so that all give the same bits.
 #![allow(clippy::needless_range_loop)] // Loops over lanes step through several arrays at once.
 

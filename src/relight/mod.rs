@@ -49,7 +49,7 @@ pub struct RelightOptions {
 /// What it took to bring indirect light up to date.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Frame {
-    /// Shadow rays from patches.
+    /// Shadow rays: of patches to lights and bright patches, and of vertices to bright patches.
     pub rays: u64,
     /// Sweeps over the radiosity system.
     pub sweeps: usize,

@@ -73,4 +73,24 @@ mod tests {
             assert!((p.distance(places[(k + 1) % 8]) - start.distance(places[1])).abs() < 1e-12, "{k}");
         }
     }
+
+    #[test]
+    fn a_light_near_the_axis_is_moved_out_and_others_stay() {
+        let scene = crate::scene::load(std::path::Path::new("scenes/cornell.toml"), &Default::default()).unwrap().0;
+        let lamp = Source::of_material(
+            scene.triangles.iter().find(|t| scene.materials[t.material as usize].emission.x > 0.0).unwrap().material,
+            &scene,
+        );
+        let (centre, up) = (middle(&scene), DVec3::Y);
+        let at = lamp.middle(&scene).unwrap();
+        let radius = |out: DVec3| (at + out - centre).reject_from_normalized(up).length();
+        // The room is 556 wide and 559.2 deep.
+        let out = outward(&scene, &lamp, [centre, up], None);
+        assert!((radius(out) - 0.25 * 556.0).abs() < 1.0 && out.y.abs() < 1e-9, "{out}");
+        assert!((radius(outward(&scene, &lamp, [centre, up], Some(50.0))) - 50.0).abs() < 1e-6);
+        // About an axis far away it keeps its distance.
+        assert!(outward(&scene, &lamp, [centre + 1000.0 * DVec3::X, up], None).length() < 1e-6);
+        let sun = crate::scene::Light::Sun { direction: glam::Vec3::NEG_Y, irradiance: glam::Vec3::ONE };
+        assert_eq!(outward(&scene, &Source::of_scene(0, &sun, &scene), [centre, up], Some(9.0)), DVec3::ZERO);
+    }
 }

@@ -4,7 +4,7 @@ use glam::{Vec3, Vec4};
 
 use super::{solution::Solution, transport::Transport};
 use crate::{
-    bake::Bake,
+    bake::{self, Bake},
     light::{Bright, Crowd, LightSet},
     scene::SurfacePoint,
 };
@@ -47,7 +47,15 @@ impl Sent {
         let found = crowd.irradiance(bake.tracer(), points, per, SAMPLES, bake.options.seed);
         let received = found.irradiance.iter().zip(shown).map(|(e, s)| (s * *e).min(Vec3::MAX).extend(0.0)).collect();
         let exitance = patches.iter().map(|&i| exitance(i)).collect();
-        Some(Sent { patches, exitance, crowd, received, rays: found.rays })
+        let sent = Sent { patches, exitance, crowd, received, rays: found.rays };
+        // As a bake: what slips past edges, or is lost there, must not become light.
+        let f = &bake.form_factors;
+        let area = |i: u32| bake.simplified.patches.area[i as usize] as f64 * (1.0 - f.hidden(i as usize));
+        let arrives = transport.patches.iter().zip(&sent.received);
+        let arrives: f64 = arrives.map(|(&i, e)| area(i) * e.element_sum() as f64).sum();
+        let leaves = sent.exitance();
+        let leaves: f64 = leaves.map(|(i, b)| area(i) * b.element_sum() as f64 * (1.0 - f.escape(i as usize))).sum();
+        bake::is_balanced(arrives, leaves).then_some(sent)
     }
 
     /// Irradiance of vertices from the bright patches, W/m2; and the shadow rays that it took.
