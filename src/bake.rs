@@ -24,10 +24,12 @@ mod skipped;
 mod tracers;
 mod vertices;
 
+pub(crate) use exchange::is_balanced;
 pub use finished::{Bake, Irradiance, PatchLight};
 pub use outline::{Outline, outline};
 pub use prepared::Kept;
 pub(crate) use prepared::ROWS_A_BLOCK;
+pub(crate) use relit::RelitLight;
 
 use exchange::Exchange;
 use measure::{Clock, Work};

@@ -131,7 +131,7 @@ impl Exchange<'_> {
     pub fn is_balanced(&self, sent: &Sent, primary: &PrimaryLight, f: &FormFactors) -> bool {
         let arriving = (0..sent.received.len()).filter(|&i| f.has_row(i));
         let arriving: f64 = arriving.map(|i| self.received(sent, f, i)).sum();
-        (arriving / self.sent(sent, primary, f) - 1.0).abs() < MOST_GAIN
+        is_balanced(arriving, self.sent(sent, primary, f))
     }
 
     /// Power that patch `i` gets from the bright ones, all channels.
@@ -234,6 +234,11 @@ impl Exchange<'_> {
         }
         (direct, beside, rays)
     }
+}
+
+/// Whether as much power arrives from bright patches as leaves them and does not escape.
+pub(crate) fn is_balanced(arrives: f64, leaves: f64) -> bool {
+    (arrives / leaves - 1.0).abs() < MOST_GAIN
 }
 
 /// Parts of patches that are hidden were counted as dark; what slips through cracks onto a patch that is hidden

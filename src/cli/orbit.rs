@@ -11,7 +11,7 @@ use luxel::{
         tonemap::ToneMap,
     },
     progress::{self, Progress, Silent},
-    relight::{middle, orbit},
+    relight::{middle, orbit, outward},
     transfer::Rows,
 };
 
@@ -31,6 +31,9 @@ pub struct Orbit {
     /// A point of the axis [default: the middle of the scene]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::place, allow_hyphen_values = true, requires = "orbit")]
     orbit_centre: Option<DVec3>,
+    /// Radius of the circle [default: the light's distance from the axis, at least a quarter of the scene's narrower side]
+    #[arg(long, value_name = "LENGTH", value_parser = parse::positive, allow_hyphen_values = true, requires = "orbit")]
+    orbit_radius: Option<f64>,
 }
 
 impl Orbit {
@@ -56,9 +59,10 @@ impl Orbit {
         let mut relighter = Relighter::with_rows(scene.clone(), bake, rows)?;
         let light = self.light(&relighter)?;
         let centre = self.orbit_centre.unwrap_or_else(|| middle(scene));
+        let out = outward(scene, &relighter.sources()[light], [centre, camera.up], self.orbit_radius);
         let mut tone = results.picture.exposure.map(|exposure| ToneMap { exposure });
         progress.begin("orbit", frames as u64);
-        for (k, place) in orbit(centre, camera.up, frames).enumerate() {
+        for (k, place) in orbit(centre, camera.up, out, frames).enumerate() {
             progress::go_on(progress, "orbit")?;
             relighter.place(light, place)?;
             relighter.bake();

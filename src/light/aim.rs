@@ -78,10 +78,8 @@ impl<'a> Sampler<'a> {
             }
             Sampler::Flat(lamp) => match &lamp.shape {
                 Shape::Polygon(p) => {
-                    let [a, b, .., d] = p.corners;
-                    let (u, v) = if p.count == 4 { (u, v) } else { sampling::triangle(u, v) };
                     let height = p.front_distance(x);
-                    patch_of_light(x, a + u * (b - a) + v * (d - a), p.normal, height, p.area)
+                    patch_of_light(x, p.point(u, v), p.normal, height, p.area)
                 }
                 Shape::Disc { centre, normal, radius } => {
                     let (e1, e2) = sampling::frame(*normal);

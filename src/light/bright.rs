@@ -28,6 +28,14 @@ impl Bright {
     /// The variance of a row's irradiance goes with the mean of the square of what its rays meet: bright patches are
     /// taken out if they make up more than half of it.
     pub fn choose(simplified: &Simplified, source: &[[f64; 3]], reached: &[bool]) -> Option<Bright> {
+        let patches = Bright::patches(simplified, source, reached)?;
+        let radiance = |i: u32| Vec3::from_array(source[i as usize].map(|s| (s / std::f64::consts::PI) as f32));
+        let lights = Bright::lights(simplified, &patches, radiance);
+        Some(Bright { patches, lights })
+    }
+
+    /// The patches that [`Bright::choose`] chooses.
+    pub(crate) fn patches(simplified: &Simplified, source: &[[f64; 3]], reached: &[bool]) -> Option<Vec<u32>> {
         let patches = &simplified.patches;
         let strength = |i: usize| source[i].iter().sum::<f64>() / 3.0;
         let area = |i: usize| patches.area[i] as f64;
@@ -45,31 +53,36 @@ impl Bright {
         if theirs <= WORTH * all().map(square).sum::<f64>() {
             return None;
         }
-        let lights = lamps(simplified, &chosen, source);
-        Some(Bright { patches: chosen, lights })
+        Some(chosen)
+    }
+
+    /// The surfaces of `patches` as lamps, with the radiance of each (W/m2/sr).
+    pub(crate) fn lights(simplified: &Simplified, patches: &[u32], radiance: impl Fn(u32) -> Vec3) -> LightSet {
+        let mut polygons: Vec<(Vec<Vec3>, Vec3)> = Vec::new();
+        for &i in patches {
+            polygons.extend(outlines(simplified, i).into_iter().map(|outline| (outline, radiance(i))));
+        }
+        LightSet::of_polygons(polygons.iter().map(|(corners, radiance)| (&corners[..], *radiance)))
     }
 }
 
-fn lamps(simplified: &Simplified, chosen: &[u32], source: &[[f64; 3]]) -> LightSet {
-    let mut polygons: Vec<(Vec<Vec3>, Vec3)> = Vec::new();
-    for &i in chosen {
-        let radiance = Vec3::from_array(source[i as usize].map(|s| (s / std::f64::consts::PI) as f32));
-        for &member in simplified.patches.members(i as usize) {
-            let f = (member >> 1) as usize;
-            let corners = simplified.corners(simplified.fragments.triangle[f] as usize);
-            let mut outline: Vec<Vec3> = simplified.fragments.uv(f).iter().map(|&uv| point_at(&corners, uv)).collect();
-            if member & 1 == 1 {
-                outline.reverse();
-            }
-            if is_parallelogram(&outline) {
-                polygons.push((outline, radiance));
-            } else {
-                let fan = outline[1..].windows(2).map(|w| (vec![outline[0], w[0], w[1]], radiance));
-                polygons.extend(fan);
-            }
+/// The surface of a patch as triangles and parallelograms, counter-clockwise as seen from the side that it shows.
+pub(super) fn outlines(simplified: &Simplified, patch: u32) -> Vec<Vec<Vec3>> {
+    let mut polygons = Vec::new();
+    for &member in simplified.patches.members(patch as usize) {
+        let f = (member >> 1) as usize;
+        let corners = simplified.corners(simplified.fragments.triangle[f] as usize);
+        let mut outline: Vec<Vec3> = simplified.fragments.uv(f).iter().map(|&uv| point_at(&corners, uv)).collect();
+        if member & 1 == 1 {
+            outline.reverse();
+        }
+        if is_parallelogram(&outline) {
+            polygons.push(outline);
+        } else {
+            polygons.extend(outline[1..].windows(2).map(|w| vec![outline[0], w[0], w[1]]));
         }
     }
-    LightSet::of_polygons(polygons.iter().map(|(corners, radiance)| (&corners[..], *radiance)))
+    polygons
 }
 
 fn is_parallelogram(outline: &[Vec3]) -> bool {

@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 
 use super::form;
 use crate::{
+    sampling,
     scene::SurfacePoint,
     scene::{Light, RAY_OFFSET},
 };
@@ -81,6 +82,13 @@ impl Polygon {
         self.corners.map(|c| c.as_dvec3() - x.as_dvec3())
     }
 
+    /// The point at (u, v) of the unit square, uniform by area.
+    pub fn point(&self, u: f32, v: f32) -> Vec3 {
+        let [a, b, .., d] = self.corners;
+        let (u, v) = if self.count == 4 { (u, v) } else { sampling::triangle(u, v) };
+        a + u * (b - a) + v * (d - a)
+    }
+
     /// Distance of `x` from the polygon; for a triangle that of its parallelogram.
     pub fn distance(&self, x: Vec3) -> f32 {
         let (u, v, d) = (self.corners[1] - self.corners[0], self.corners[3] - self.corners[0], x - self.corners[0]);
@@ -125,6 +133,14 @@ impl Lamp {
         };
         let lamp = Lamp { shape, colour, surface: false };
         (lamp.is_finite() && lamp.colour != Vec3::ZERO).then_some(lamp)
+    }
+
+    /// The polygon, if it is one.
+    pub fn polygon(&self) -> Option<&Polygon> {
+        match &self.shape {
+            Shape::Polygon(p) => Some(p),
+            _ => None,
+        }
     }
 
     /// Whether every number of it is usable.

@@ -1,5 +1,9 @@
 //! What lamps give to many samples at once, compiled for several processors; the widest that this one has is taken.
 //!
+//! These are the formulas of `form`, `lamp` and `aim` a second time: there they are for any lamp, in f64 and with branches
+//! that spare most of the work; here f32 without branches or calls, or the compiler would make no vectors of them. The
+//! tests of `stream` hold the two against each other.
+//!
 //! Rust never contracts to fused multiply-add, so that all give the same bits.
 #![allow(clippy::needless_range_loop)] // Loops over lanes step through several arrays at once.
 
@@ -85,16 +89,16 @@ impl Lanes {
 
 /// Samples that are computed together. Loops over arrays of fixed size become vector instructions; loops over slices would
 /// first have to be proved not to overlap.
-const WIDTH: usize = 16;
+pub(super) const WIDTH: usize = 16;
 
 /// One number of each sample of a block.
-type Block = [f32; WIDTH];
+pub(super) type Block = [f32; WIDTH];
 
-const NONE: Block = [0.0; WIDTH];
+pub(super) const NONE: Block = [0.0; WIDTH];
 
 /// The block of samples that begins at `at`.
 #[inline(always)]
-fn load<const N: usize>(columns: [&[f32]; N], at: usize) -> [Block; N] {
+pub(super) fn load<const N: usize>(columns: [&[f32]; N], at: usize) -> [Block; N] {
     // Not `map`, which would be a call without vector instructions.
     let mut blocks = [NONE; N];
     for (block, column) in blocks.iter_mut().zip(columns) {

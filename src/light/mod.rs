@@ -13,6 +13,7 @@ use crate::{Scene, scene::Light};
 mod aim;
 mod beside;
 mod bright;
+mod crowd;
 mod emitters;
 mod estimate;
 mod form;
@@ -29,6 +30,7 @@ mod tree;
 
 pub use beside::beside_lamps;
 pub use bright::Bright;
+pub(crate) use crowd::Crowd;
 pub use estimate::{irradiance, irradiance_where};
 pub use known::{Census, Known, Spared, View};
 use lamp::{Lamp, Polygon, Shape};
@@ -117,6 +119,14 @@ impl LightSet {
     /// Whether [`LightSet::sky_radiance`] is anything but black.
     pub fn has_sky(&self) -> bool {
         self.sky.is_lit()
+    }
+
+    /// The middle of the box around the lamps, local; none if all are suns or skies.
+    pub(crate) fn middle(&self) -> Option<Vec3> {
+        let bounds = || self.lamps.iter().filter_map(Lamp::bounds);
+        let low = bounds().map(|b| b.low).reduce(Vec3::min)?;
+        let high = bounds().map(|b| b.high).reduce(Vec3::max)?;
+        Some(0.5 * (low + high))
     }
 
     /// Whether there are suns or a sky, whose power has no bound.

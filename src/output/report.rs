@@ -87,16 +87,11 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         format!("{} of which light reaches {}; voxel {}", c.patches, c.patches_reached, short(c.voxel_size)),
     );
     line("vertices", c.vertices.to_string());
-    line(
-        "form factors",
-        format!(
-            "{} in {}; {} rays at {} Mrays/s",
-            c.form_factors,
-            bytes(c.form_factor_bytes as u64),
-            r.form_factors,
-            short(r.form_factor_mrays_per_second)
-        ),
-    );
+    let rays = match r.form_factors {
+        0 => "no ray traced".into(),
+        rays => format!("{rays} rays at {} Mrays/s", short(r.form_factor_mrays_per_second)),
+    };
+    line("form factors", format!("{} in {}; {rays}", c.form_factors, bytes(c.form_factor_bytes as u64)));
     let RowCounts { used, cast, from, kept_in, .. } = &report.rows;
     match (from, kept_in) {
         (Some(from), None) if *cast == 0 => line("rows", format!("{used} used, all from {from}")),

@@ -157,11 +157,11 @@ pub fn irradiance(
             let (replicates, each) = rounds_of(n);
             progress.begin("path tracing", tracing.paths(replicates * each));
             tracing.round(replicates, each);
+            progress.end();
             true
         }
         Until::StandardError { relative, most } => tracing.until(relative, most),
     };
-    progress.end();
     progress::go_on(progress, "path tracing")?;
     Ok(tracing.finish(converged, begun))
 }
@@ -232,8 +232,6 @@ impl Tracing<'_> {
         loop {
             let now = self.relative_error();
             if now <= relative || samples >= most || self.progress.stopped() {
-                // The stage that the caller ends.
-                self.progress.begin("path tracing", 0);
                 return now <= relative;
             }
             // A tenth more than needed, if errors fall by the root; they fall faster where strata help. From few
@@ -241,7 +239,7 @@ impl Tracing<'_> {
             let needed = 1.1 * samples as f64 * (now / relative).powi(2) - samples as f64;
             let next = needed.clamp(0.25 * samples as f64, 16.0 * samples as f64) as u32;
             let (replicates, each) = rounds_of(next.min(most - samples).max(REPLICATES));
-            self.progress.begin("path tracing", self.paths(replicates * each));
+            self.progress.begin(&format!("paths, round {}", self.rounds + 1), self.paths(replicates * each));
             self.round(replicates, each);
             self.progress.end();
             samples += replicates * each;

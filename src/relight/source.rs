@@ -1,6 +1,6 @@
 //! A light that can be moved and changed.
 
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 use crate::{
     Error, Result, Scene,
@@ -82,6 +82,11 @@ impl Source {
     /// Where it stands: the map from where it was given, world coordinates.
     pub fn place(&self) -> DAffine3 {
         self.place
+    }
+
+    /// Where it is now, world coordinates: the middle of the box around it; `None` for suns and skies.
+    pub fn middle(&self, scene: &Scene) -> Option<DVec3> {
+        self.lights.middle().map(|local| scene.frame.to_world(local))
     }
 
     /// The same light somewhere else.
