@@ -67,6 +67,7 @@ pub fn time(text: &str) -> Parsed<Duration> {
     let (value, unit) = units
         .into_iter()
         .find_map(|(name, unit)| Some((text.strip_suffix(name)?, unit)))
+        .filter(|(value, _)| !value.ends_with(char::is_alphabetic))
         .ok_or("expected a time with its unit, such as 30s, 5m or 1h")?;
     Duration::try_from_secs_f64(positive(value)? * unit).map_err(|_| "is too long".into())
 }
@@ -246,6 +247,7 @@ mod tests {
         assert_eq!(message(percent("0%").map(drop)), "must be above 0");
         assert_eq!(message(percent("one").map(drop)), "\"one\" is not a number");
         assert_eq!(message(time("30").map(drop)), "expected a time with its unit, such as 30s, 5m or 1h");
+        assert_eq!(message(time("1ms").map(drop)), "expected a time with its unit, such as 30s, 5m or 1h");
         assert_eq!(message(time("-1s").map(drop)), "must be above 0");
         assert_eq!(message(time("1e99h").map(drop)), "is too long");
         assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
