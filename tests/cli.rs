@@ -362,6 +362,23 @@ fn quality_gives_way_to_explicit_settings_and_excludes_goals() {
 }
 
 #[test]
+fn an_option_that_nothing_would_use_is_refused() {
+    let (folder, scene) = room();
+    let out = folder.path().join("out");
+    for (options, said) in [
+        (&["--target-patches", "99"][..], "--target-patches is for --patches decimated or clustered"),
+        (&["--face-colour", "literal", "--patches", "decimated"], "--face-colour is for --patches faces"),
+        (&["--gather-rays", "64"], "--gather-rays is for --reconstruct gather or adaptive"),
+    ] {
+        let refused = bake(&scene, &out, options);
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    }
+    let used = bake(&scene, &out, &["--reconstruct", "gather", "--gather-rays", "16", "--no-preview"]);
+    assert!(used.status.success(), "{}", stderr(&used));
+}
+
+#[test]
 fn the_selftest_passes_and_writes_its_table() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("selftest.json");

@@ -46,7 +46,7 @@ pub fn positive_f32(text: &str) -> Parsed<f32> {
 /// An angle between normals, degrees.
 pub fn threshold(text: &str) -> Parsed<f32> {
     let x = number(text)? as f32;
-    if x > 0.0 && x <= 90.0 { Ok(x) } else { Err("must be above 0 and at most 90 degrees".into()) }
+    if x > 0.0 && x < 90.0 { Ok(x) } else { Err("must be above 0 and below 90 degrees".into()) }
 }
 
 /// A vertical angle of view, degrees.
@@ -250,6 +250,6 @@ mod tests {
         assert_eq!(message(time("1ms").map(drop)), "expected a time with its unit, such as 30s, 5m or 1h");
         assert_eq!(message(time("-1s").map(drop)), "must be above 0");
         assert_eq!(message(time("1e99h").map(drop)), "is too long");
-        assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
+        assert_eq!(message(threshold("90").map(drop)), "must be above 0 and below 90 degrees");
     }
 }
