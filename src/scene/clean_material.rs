@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::Vec3;
 
-use super::{Builder, Material, Opacity, RawMaterial, RawMesh, builder::list, clean::finite, material::ALBEDO_MAX};
+use super::{Builder, Material, RawMaterial, RawMesh, builder::list, clean::finite, material::ALBEDO_MAX};
 
 /// Largest radiance of any channel, W/m2/sr; the surface of the sun has 2e7. Beyond it, sums might overflow f32.
 const EMISSION_MAX: f32 = 1e12;
@@ -75,20 +75,18 @@ impl Builder {
 
     /// Mean opacity of a triangle; glowing surfaces always count as opaque.
     pub(super) fn opacity(&self, mesh: &RawMesh, material: &RawMaterial, t: usize) -> f32 {
-        let Opacity { factor, texture, cutoff } = material.opacity;
         if material.surface.emission != Vec3::ZERO {
             return 1.0;
         }
-        let pass = |opacity: f32| cutoff.map_or(opacity, |c| if opacity >= c { 1.0 } else { 0.0 });
-        match texture {
+        match material.opacity.texture {
             Some(map) if !mesh.uvs.is_empty() => {
                 let [a, b, c] = mesh.triangles[t].map(|v| mesh.uvs[v as usize]);
                 let map = &self.opacity_maps[map as usize];
                 let samples = super::triangle_samples();
-                samples.iter().map(|&(u, v)| pass(factor * map.sample(a * (1.0 - u - v) + b * u + c * v))).sum::<f32>()
+                samples.iter().map(|&(u, v)| material.opacity.at(map, a * (1.0 - u - v) + b * u + c * v)).sum::<f32>()
                     / samples.len() as f32
             }
-            _ => pass(factor),
+            _ => material.opacity.everywhere(),
         }
     }
 }

@@ -7,17 +7,19 @@ use std::collections::HashMap;
 
 use glam::{Vec2, Vec3};
 
-use super::{Builder, Opacity, OpacityMap, Texture};
+use super::{Builder, Opacity, Texture};
 
 impl Builder {
     /// Gives clear texels of all materials with an opacity map the colour of what is opaque nearby.
     pub(super) fn colour_clear_texels(&mut self) {
-        let mut filled: HashMap<(u32, u32, Option<u32>), u32> = HashMap::new();
+        let mut filled: HashMap<(u32, u32, u32, Option<u32>), u32> = HashMap::new();
         for material in &mut self.materials {
-            let Opacity { texture: Some(map), cutoff, .. } = material.opacity else { continue };
+            let Opacity { factor, texture: Some(map), cutoff } = material.opacity else { continue };
             let Some(texture) = &mut material.surface.albedo_texture else { continue };
-            *texture = *filled.entry((*texture, map, cutoff.map(f32::to_bits))).or_insert_with(|| {
-                let cut = fill(&self.textures[*texture as usize], &self.opacity_maps[map as usize], cutoff);
+            let key = (*texture, map, factor.to_bits(), cutoff.map(f32::to_bits));
+            *texture = *filled.entry(key).or_insert_with(|| {
+                let opacity_map = &self.opacity_maps[map as usize];
+                let cut = fill(&self.textures[*texture as usize], |uv| material.opacity.at(opacity_map, uv));
                 self.textures.push(cut);
                 self.textures.len() as u32 - 1
             });
@@ -32,15 +34,12 @@ struct Level {
     sums: Vec<glam::Vec4>,
 }
 
-/// The texture with its clear texels (all below `cutoff`; those of opacity 0 without one) filled from the mean colour of
-/// the smallest square around them, of a pyramid of halved images, that holds something opaque. Means are weighted by
-/// opacity. A texture without opaque texels stays.
-fn fill(texture: &Texture, map: &OpacityMap, cutoff: Option<f32>) -> Texture {
+/// The texture with its texels of `opacity` 0 filled from the mean colour of the smallest square around them, of a pyramid of
+/// halved images, that holds something opaque. Means are weighted by opacity. A texture without opaque texels stays.
+fn fill(texture: &Texture, opacity: impl Fn(Vec2) -> f32) -> Texture {
     let (width, height) = (texture.width as usize, texture.height as usize);
     let weight = |i: usize| {
-        let at = Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5) / Vec2::new(width as f32, height as f32);
-        let opacity = map.sample(at);
-        cutoff.map_or(opacity, |c| if opacity >= c { 1.0 } else { 0.0 })
+        opacity(Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5) / Vec2::new(width as f32, height as f32))
     };
     let sums = texture.texels.iter().enumerate().map(|(i, c)| (*c * weight(i)).extend(weight(i))).collect();
     let mut levels = vec![Level { width, height, sums }];
@@ -67,6 +66,7 @@ fn fill(texture: &Texture, map: &OpacityMap, cutoff: Option<f32>) -> Texture {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::OpacityMap;
 
     #[test]
     fn clear_texels_take_the_colour_of_what_is_opaque_around_them() {
@@ -75,14 +75,18 @@ mod tests {
         let texels = vec![green, Vec3::ZERO, red, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO];
         let texture = Texture { width: 3, height: 2, texels };
         let map = OpacityMap { width: 3, height: 2, texels: vec![1.0, 0.2, 0.6, 0.0, 0.0, 0.0] };
-        assert_eq!(fill(&texture, &map, Some(0.5)).texels, [green, green, red, green, green, red]);
+        let filled = |factor: f32, cutoff: Option<f32>| {
+            fill(&texture, |uv| Opacity { factor, texture: Some(0), cutoff }.at(&map, uv)).texels
+        };
+        assert_eq!(filled(1.0, Some(0.5)), [green, green, red, green, green, red]);
+        // At four fifths of its opacity the red texel is clear too.
+        assert_eq!(filled(0.8, Some(0.5)), [green; 6]);
         // Without a cutoff what shimmers through has its own colour, and its weight.
         let mean = green / 1.2;
-        let filled = fill(&texture, &map, None).texels;
+        let filled = filled(1.0, None);
         assert_eq!(filled[..3], texture.texels[..3]);
         assert!((filled[3] - mean).abs().max_element() < 1e-6, "{filled:?}");
         // Nothing is opaque: nothing is known.
-        let clear = OpacityMap { width: 1, height: 1, texels: vec![0.0] };
-        assert_eq!(fill(&texture, &clear, None), texture);
+        assert_eq!(fill(&texture, |_| 0.0), texture);
     }
 }
