@@ -7,10 +7,12 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use luxel::{
     BakeOptions, Quality, Scene,
     bake::Bake,
+    bench::SUITE,
+    colour::luminance,
     compare::{self, Difference},
     options::Reconstruct,
     progress::Silent,
@@ -70,21 +72,16 @@ fn threads() -> usize {
 
 fn suite() -> Vec<Job> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let own = ["cornell", "curved_room", "two_rooms"].map(|name| root.join(format!("scenes/{name}.toml")));
-    let shared = ["cornell_mcguire/CornellBox-Sphere.obj", "veach_ajar/veach_ajar.obj", "godot_room/room.glb"]
-        .map(|name| root.join("../shared/scenes").join(name));
-    let all = own.into_iter().chain(shared);
-    all.filter(|path| path.exists()).map(|path| Job::new(&path.to_string_lossy())).collect()
+    let (own, shared) = (root.join("scenes"), root.join("../shared/scenes"));
+    // Paths to a converged reference of the others would take hours.
+    let paths = SUITE[..6].iter().map(|scene| scene.path(&own, &shared));
+    paths.filter(|path| path.exists()).map(|path| Job::new(&path.to_string_lossy())).collect()
 }
 
 impl Job {
     fn new(path: &str) -> Job {
-        let mut overrides = SceneOverrides::default();
-        // It has no light of its own.
-        if path.ends_with("godot_room/room.glb") {
-            overrides.points = vec![(DVec3::new(0.0, 4.0, 0.0), Vec3::splat(20.0))];
-        }
-        Job { path: path.into(), overrides }
+        let known = SUITE.iter().find(|scene| path.ends_with(scene.file));
+        Job { path: path.into(), overrides: known.map_or_else(SceneOverrides::default, |scene| scene.overrides()) }
     }
 
     fn run(&self, paths: u32, points: usize, only: Option<&str>, reconstruct: Reconstruct) -> luxel::Result<()> {
@@ -136,7 +133,7 @@ fn row(scene: &Scene, bake: &Bake, quality: &str, paths: u32, count: usize) -> l
 /// Noise of indirect light, root mean square over the points, as a share of its mean.
 fn noise(truth: &Reference) -> f64 {
     let squares: f64 = truth.indirect_luminance_error.iter().map(|e| e * e).sum();
-    let light: f64 = truth.indirect.iter().map(|e| compare::luminance(*e)).sum();
+    let light: f64 = truth.indirect.iter().map(|e| luminance(*e)).sum();
     let n = truth.indirect.len().max(1) as f64;
     (squares / n).sqrt() / (light / n).max(f64::MIN_POSITIVE)
 }
@@ -153,7 +150,7 @@ fn print_row(scene: &str, quality: &str, light: &str, is: &Difference, said: &Er
 }
 
 fn difference(values: &[Vec3], truth: &[Vec3], errors: &[f64]) -> Difference {
-    let bright = |v: &[Vec3]| v.iter().map(|e| compare::luminance(*e)).collect::<Vec<f64>>();
+    let bright = |v: &[Vec3]| v.iter().map(|e| luminance(*e)).collect::<Vec<f64>>();
     compare::difference(&bright(values), &bright(truth), Some(errors))
 }
 

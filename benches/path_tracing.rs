@@ -15,7 +15,8 @@ use glam::{DVec3, Vec3};
 use luxel::{
     BakeOptions, Result, Scene,
     bench::{Machine, Settings, Truth},
-    compare::{difference, luminance},
+    colour::luminance,
+    compare::difference,
     options::{Backend, Resolution},
     progress::Silent,
     reference::{self, ReferenceOptions, Until},

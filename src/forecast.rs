@@ -67,8 +67,6 @@ impl std::fmt::Display for Forecast {
 const TRIANGLE_BYTES: f64 = 180.0;
 /// Bytes a fragment: its corners, and its vertices with their light.
 pub(crate) const FRAGMENT_BYTES: f64 = 1000.0;
-/// Bytes a fragment while only fragments are counted.
-const COUNTED_BYTES: f64 = 160.0;
 /// Bytes a fragment and a patch of the simplified scene.
 const SIMPLIFIED_FRAGMENT: f64 = 240.0;
 const SIMPLIFIED_PATCH: f64 = 250.0;
@@ -85,11 +83,10 @@ const PIXELS: u64 = 640 * 480;
 /// Foretells the bake of `scene` with `options`.
 ///
 /// # Errors
-/// [`crate::Error::Option`] for voxels that do not fit the scene, or are so small that the memory is not even enough
-/// to count its pieces.
+/// [`crate::Error::Option`] for voxels that do not fit the scene, or are so small that the bake would be refused.
 pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
     let grid = Grid::new(scene, options.resolution)?;
-    simplify::check_size(scene, &grid, COUNTED_BYTES)?;
+    simplify::check_size(scene, &grid, FRAGMENT_BYTES)?;
     let (fragments, mut patches, by_mesh) = simplify::count(scene, &grid);
     if options.patches != PatchSource::Surfels {
         let tracer = trace::build(options.backend, &scene.geometry())?;

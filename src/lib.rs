@@ -54,6 +54,7 @@
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod colour;
 pub mod error;
 pub mod lock;
 pub mod options;

@@ -1,11 +1,15 @@
 //! The command line, as a user meets it.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::Output,
 };
 
+use command::{luxel, names, stderr, stdout};
 use tempfile::TempDir;
 
 /// A room of 2 x 2 x 2 with a lamp under its ceiling, seen from inside.
@@ -45,28 +49,9 @@ fn room() -> (TempDir, PathBuf) {
     (folder, scene)
 }
 
-fn luxel(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luxel")).args(args).output().unwrap()
-}
-
 fn bake(scene: &Path, output: &Path, more: &[&str]) -> Output {
     let paths = ["bake", scene.to_str().unwrap(), "-o", output.to_str().unwrap()];
     luxel(&[&paths, &QUICK[..], more].concat())
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 #[test]
@@ -374,6 +359,23 @@ fn quality_gives_way_to_explicit_settings_and_excludes_goals() {
         let output = luxel(&[&["bake", scene, "-o", out.to_str().unwrap()], wrong].concat());
         assert_eq!(output.status.code(), Some(2), "{wrong:?}");
     }
+}
+
+#[test]
+fn an_option_that_nothing_would_use_is_refused() {
+    let (folder, scene) = room();
+    let out = folder.path().join("out");
+    for (options, said) in [
+        (&["--target-patches", "99"][..], "--target-patches is for --patches decimated or clustered"),
+        (&["--face-colour", "literal", "--patches", "decimated"], "--face-colour is for --patches faces"),
+        (&["--gather-rays", "64"], "--gather-rays is for --reconstruct gather or adaptive"),
+    ] {
+        let refused = bake(&scene, &out, options);
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(stderr(&refused).contains(said), "{}", stderr(&refused));
+    }
+    let used = bake(&scene, &out, &["--reconstruct", "gather", "--gather-rays", "16", "--no-preview"]);
+    assert!(used.status.success(), "{}", stderr(&used));
 }
 
 #[test]

@@ -1,25 +1,16 @@
 //! `luxel reference` and `luxel compare`, as a user meets them.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
 };
 
+use command::{luxel, stderr, stdout, text};
 use luxel::output::exr::{self, Compression, ExrChannel, ExrImage};
 use tempfile::TempDir;
-
-fn luxel(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luxel")).args(args).output().unwrap()
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8(output.stdout.clone()).unwrap()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8(output.stderr.clone()).unwrap()
-}
 
 fn scene(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).to_str().unwrap().into()
@@ -32,10 +23,6 @@ fn folder() -> (TempDir, PathBuf) {
     let lines: String = (0..9).map(|i| format!("{} 0 {} 0 1 0\n", 400 + 50 * (i % 3), 20 + 12 * i)).collect();
     fs::write(&points, lines).unwrap();
     (folder, points)
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 #[test]

@@ -5,7 +5,10 @@ mod farm;
 
 use std::{collections::BTreeSet, fs, os::unix::fs::PermissionsExt, process::Command};
 
-use farm::{LUXEL, assert_same_results, plan, run, scene};
+use farm::{
+    command::{LUXEL, assert_same_results},
+    plan, run, scene,
+};
 
 /// Stands for ssh: runs the command on this machine, and lists the machine that it was meant for.
 const SSH: &str = r#"#!/bin/bash

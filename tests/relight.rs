@@ -1,11 +1,15 @@
 //! Relighting and the cache, as a user meets them: the same files as a bake with those lights, and no form-factor ray.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::Command,
 };
 
+use command::{LUXEL, assert_same_results, luxel, results, text};
 use tempfile::TempDir;
 
 /// A room of 2 x 2 x 2 that is open on one side, with a lamp, a column, and a floor of a chequered texture.
@@ -72,10 +76,6 @@ fn room() -> (TempDir, PathBuf) {
     (folder, scene)
 }
 
-fn luxel(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_luxel")).args(args).output().unwrap()
-}
-
 fn done(args: &[&str]) -> String {
     let output = luxel(args);
     assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
@@ -91,31 +91,6 @@ fn failed(args: &[&str]) -> String {
     told[0].into()
 }
 
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-/// All files of a bake but its report.
-fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut files: Vec<(String, Vec<u8>)> = fs::read_dir(folder)
-        .unwrap()
-        .map(|e| e.unwrap())
-        .map(|e| (e.file_name().into_string().unwrap(), fs::read(e.path()).unwrap()))
-        .filter(|(name, _)| name != "bake.json")
-        .collect();
-    files.sort();
-    files
-}
-
-fn assert_same(a: &Path, b: &Path) {
-    let (a, b) = (files(a), files(b));
-    assert_eq!(a.iter().map(|f| &f.0).collect::<Vec<_>>(), b.iter().map(|f| &f.0).collect::<Vec<_>>());
-    assert!(a.len() >= 3);
-    for ((name, one), (_, other)) in a.iter().zip(&b) {
-        assert!(one == other, "{name} differs");
-    }
-}
-
 fn report(folder: &Path) -> serde_json::Value {
     serde_json::from_slice(&fs::read(folder.join("bake.json")).unwrap()).unwrap()
 }
@@ -127,7 +102,7 @@ fn relit_as_baked(scene: &Path, settings: &[&str], lights: &[&str]) {
     done(&[&["bake", text(scene), "-o", text(&baked)], settings, lights, &PICTURE].concat());
     done(&[&["prepare", text(scene), "-o", text(&file)], settings].concat());
     done(&[&["relight", text(&file), "-o", text(&relit)], lights, &PICTURE].concat());
-    assert_same(&baked, &relit);
+    assert_same_results(&baked, &relit);
     let (before, after) = (report(&baked), report(&relit));
     assert!(before["rays"]["form_factors"].as_u64().unwrap() > 0);
     assert!(before["rows"]["cast"].as_u64().unwrap() >= before["rows"]["used"].as_u64().unwrap());
@@ -186,9 +161,9 @@ fn lights_of_the_file_stay_or_give_way() {
     done(&[&["prepare", text(&scene), "-o", text(&file), "--sky", "1,0,0"], &QUICK[..]].concat());
     done(&[&["bake", text(&scene), "-o", text(&baked), "--sky", "0,1,0", "--no-preview"], &QUICK[..]].concat());
     done(&["relight", text(&file), "-o", text(&relit), "--sky", "0,1,0", "--replace-lights", "--no-preview"]);
-    assert_same(&baked, &relit);
+    assert_same_results(&baked, &relit);
     done(&["relight", text(&file), "-o", text(&relit), "--sky", "0,1,0", "--no-preview"]);
-    assert!(files(&baked) != files(&relit));
+    assert!(results(&baked) != results(&relit));
 }
 
 #[test]
@@ -245,7 +220,7 @@ fn the_cache_serves_other_lights_and_no_other_geometry() {
         let common = [&["--no-preview"], &QUICK[..], lights].concat();
         done(&[&["bake", text(&scene), "-o", text(&plain)], &common[..]].concat());
         let told = done(&[&["bake", text(&scene), "-o", text(&cached), "--cache", text(&cache)], &common[..]].concat());
-        assert_same(&plain, &cached);
+        assert_same_results(&plain, &cached);
         let report = report(&cached);
         assert_eq!(report["rows"]["kept_in"].is_string(), told.contains(" cast now and kept in "));
         assert_eq!(report["warnings"], self::report(&plain)["warnings"]);
@@ -294,7 +269,7 @@ fn a_damaged_cache_is_a_warning_and_mends_itself() {
     let bake =
         [&["bake", text(&scene), "-o", text(&out), "--no-preview", "--cache", text(&cache)], &QUICK[..]].concat();
     done(&bake);
-    let good = files(&out);
+    let good = results(&out);
     let entry = fs::read_dir(&cache).unwrap().next().unwrap().unwrap().path();
     let whole = fs::read(&entry).unwrap();
     for damage in [&whole[..whole.len() / 3], b"", &[&whole[..999], b"?", &whole[1000..]].concat()] {
@@ -303,7 +278,7 @@ fn a_damaged_cache_is_a_warning_and_mends_itself() {
         assert!(told.contains("cannot be used, and are cast anew"), "{told}");
         let report = report(&out);
         assert!(report["rows"]["cast"].as_u64().unwrap() > 100 && report["rows"]["from"].is_null());
-        assert_eq!(files(&out), good);
+        assert_eq!(results(&out), good);
         assert!(fs::read(&entry).unwrap() == whole);
     }
     assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
@@ -316,14 +291,14 @@ fn two_bakes_may_fill_one_cache_at_once() {
     let bake = |name: &str| {
         let out = folder.path().join(name);
         let args = [&["bake", text(&scene), "-o", text(&out), "--no-preview", "--cache", text(&cache)], &QUICK[..]];
-        Command::new(env!("CARGO_BIN_EXE_luxel")).args(args.concat()).arg("-q").spawn().unwrap()
+        Command::new(LUXEL).args(args.concat()).arg("-q").spawn().unwrap()
     };
     let names = ["a", "b", "c"];
     for mut child in names.map(bake) {
         assert!(child.wait().unwrap().success());
     }
-    assert_same(&folder.path().join("a"), &folder.path().join("b"));
-    assert_same(&folder.path().join("a"), &folder.path().join("c"));
+    assert_same_results(&folder.path().join("a"), &folder.path().join("b"));
+    assert_same_results(&folder.path().join("a"), &folder.path().join("c"));
     assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
     assert!(bake("d").wait().unwrap().success());
     assert_eq!(report(&folder.path().join("d"))["rows"]["cast"], 0);

@@ -11,7 +11,10 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use farm::{LUXEL, assert_same_results, plan, run, scene, until};
+use farm::{
+    command::{LUXEL, assert_same_results},
+    plan, run, scene, until,
+};
 
 /// Exit code of `tests/slurm/cluster` where there is no Slurm to start.
 const LACKING: i32 = 77;

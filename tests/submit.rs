@@ -10,7 +10,7 @@ use std::{
     process::{Command, Output},
 };
 
-use farm::{LUXEL, plan, scene};
+use farm::{command::LUXEL, plan, scene};
 use tempfile::TempDir;
 
 /// A folder with a plan in `my plan`, and stand-ins in `bin` that list their calls in `calls`.

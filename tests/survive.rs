@@ -1,13 +1,18 @@
 //! What ends a run before its time: signals, other processes on the same folder, full and read-only disks.
 #![cfg(unix)]
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     fs,
     io::{BufRead, BufReader, Read},
     os::unix::process::ExitStatusExt,
     path::{Path, PathBuf},
-    process::{Child, Command, Output, Stdio},
+    process::{Child, Command, Stdio},
 };
+
+use command::{LUXEL, names, stderr};
 
 const TERM: i32 = 15;
 const INT: i32 = 2;
@@ -17,7 +22,7 @@ const KILL: i32 = 9;
 const LONG: &str = "65536";
 
 fn luxel() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_luxel"))
+    Command::new(LUXEL)
 }
 
 fn cornell() -> PathBuf {
@@ -56,17 +61,6 @@ fn said(child: &mut Child) -> String {
     let mut text = String::new();
     child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
     text
-}
-
-fn words(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into()
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 #[test]
@@ -123,7 +117,7 @@ fn of_two_bakes_into_one_folder_the_second_is_told_of_the_first() {
     let mut first = run_to(bake(&out, &["--rays", LONG]), "form factors");
     let quick = ["--grid", "6", "--rays", "16", "--point-samples", "4"];
     let second = bake(&out, &quick).output().unwrap();
-    let says = words(&second);
+    let says = stderr(&second);
     assert_eq!(second.status.code(), Some(1), "{says}");
     assert!(says.contains(&format!("in use by luxel, process {} on ", first.id())), "{says}");
     // A killed process holds nothing, and what it left is swept.
@@ -131,7 +125,7 @@ fn of_two_bakes_into_one_folder_the_second_is_told_of_the_first() {
     assert_eq!(first.wait().unwrap().signal(), Some(KILL));
     fs::write(out.join(format!(".vertices.ply.{}.tmp", first.id())), "half").unwrap();
     let third = bake(&out, &quick).output().unwrap();
-    assert!(third.status.success(), "{}", words(&third));
+    assert!(third.status.success(), "{}", stderr(&third));
     assert_eq!(names(&out), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
 }
 
@@ -171,7 +165,7 @@ fn an_interrupted_bake_that_is_resumed_writes_the_same_bytes() {
     // Other rays, and another scene, are other rows.
     let other = bake(&out, &["--grid", "24", "--rays", "4096", "--resume"]).output().unwrap();
     assert_eq!(other.status.code(), Some(1));
-    assert!(words(&other).contains("rays 8192 there, 4096 here"), "{}", words(&other));
+    assert!(stderr(&other).contains("rays 8192 there, 4096 here"), "{}", stderr(&other));
 
     assert!(bake(&out, &resumed).output().unwrap().status.success());
     assert!(contents(&out) == contents(&whole));
@@ -194,7 +188,7 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
         (out, output)
     };
     let (free, output) = bake_with("free", &["--memory-limit", "100G"]);
-    assert!(output.status.success(), "{}", words(&output));
+    assert!(output.status.success(), "{}", stderr(&output));
     let [foretold, measured] =
         ["foretold_memory_bytes", "peak_memory_bytes"].map(|name| record(&free)[name].as_f64().unwrap());
     // Wide: a small bake is mostly what the allocator makes of it. Five scenes are measured in ARCHITECTURE.md.
@@ -204,13 +198,13 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     let rows = record(&free)["counts"]["form_factor_bytes"].as_f64().unwrap();
     let limit = format!("{:.0}M", (foretold - 0.25 * rows) * 1e-6);
     let (spilled, output) = bake_with("spilled", &["--memory-limit", &limit]);
-    assert!(output.status.success(), "{}", words(&output));
+    assert!(output.status.success(), "{}", stderr(&output));
     assert!(record(&spilled)["foretold_memory_bytes"].as_f64().unwrap() < foretold - 0.25 * rows);
     assert!(contents(&spilled) == contents(&free));
     assert_eq!(names(&spilled), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
 
     let (impossible, output) = bake_with("impossible", &["--memory-limit", "20M"]);
-    let says = words(&output);
+    let says = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{says}");
     assert!(says.contains("--memory-limit allows 20 MB") && says.contains("--voxel"), "{says}");
     assert!(!impossible.exists());
@@ -220,7 +214,7 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
 fn refused_for_room(out: &Path, mut command: Command, why: &str) {
     let before = if out.exists() { names(out) } else { Vec::new() };
     let output = command.output().unwrap();
-    let says = words(&output);
+    let says = stderr(&output);
     assert_eq!(output.status.code(), Some(1), "{says}");
     assert!(says.contains(out.to_str().unwrap()) && says.contains(why), "{says}");
     let after = if out.exists() { names(out) } else { Vec::new() };
@@ -234,7 +228,7 @@ fn a_file_over_the_limit_is_told_with_the_remedy_and_leaves_what_was_there() {
     fs::create_dir(&out).unwrap();
     fs::write(out.join("bake.json"), "of an older bake").unwrap();
     let mut limited = Command::new("sh");
-    limited.args(["-c", "ulimit -f 64; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_luxel"), "bake"]);
+    limited.args(["-c", "ulimit -f 64; exec \"$@\"", "sh", LUXEL, "bake"]);
     limited.arg(cornell()).arg("-o").arg(&out).args(["--grid", "16", "--rays", "16", "--no-preview", "-q"]);
     refused_for_room(&out, limited, "raise the limit");
     assert_eq!(fs::read_to_string(out.join("bake.json")).unwrap(), "of an older bake");
@@ -280,7 +274,7 @@ fn a_scene_that_vanished_and_a_folder_without_rights_are_named() {
     let out = folder.path().join("out");
     let gone = luxel().args(["bake", "gone.obj", "-o"]).arg(&out).output().unwrap();
     assert_eq!(gone.status.code(), Some(1));
-    assert!(words(&gone).contains("gone.obj: "), "{}", words(&gone));
+    assert!(stderr(&gone).contains("gone.obj: "), "{}", stderr(&gone));
     assert!(!out.exists());
     // A file where a folder should be stands in for rights, which the superuser has everywhere.
     fs::write(&out, "x").unwrap();
@@ -290,7 +284,7 @@ fn a_scene_that_vanished_and_a_folder_without_rights_are_named() {
 fn refused_for_file(out: &Path) {
     let output = bake(&out.join("deeper"), &[]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    assert!(words(&output).contains(out.to_str().unwrap()), "{}", words(&output));
+    assert!(stderr(&output).contains(out.to_str().unwrap()), "{}", stderr(&output));
 }
 
 /// Clocks are set back, and jump: durations come from a clock that does not, and order from nothing of the kind.

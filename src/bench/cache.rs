@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{Settings, points};
 use crate::{
     Error, Result, Scene,
-    compare::luminance,
+    colour::luminance,
     output::atomic::Staged,
     progress::{Hushed, Progress},
     reference::{self, ReferenceOptions, Until},

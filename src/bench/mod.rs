@@ -5,7 +5,8 @@ use std::{path::Path, time::Instant};
 use crate::{
     Result, Scene,
     bake::Irradiance,
-    compare::{Difference, difference, luminance},
+    colour::luminance,
+    compare::{Difference, difference},
     options::{Backend, PatchSource},
     progress::{self, Hushed, Progress},
     reference::{self, ReferenceOptions, Until},

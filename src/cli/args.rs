@@ -243,6 +243,7 @@ impl BakeArgs {
             Quality::from(quality).apply(&mut base);
         }
         let (options, threads) = (self.options(base), self.running.threads.or(file.threads));
+        self.settings.check_used(&options)?;
         Ok((source, move |scene| Job { scene, options, threads }))
     }
 
@@ -281,6 +282,29 @@ impl BakeArgs {
             skip: base.skip && !s.no_skip,
             only: if s.only.is_empty() { base.only } else { s.only.clone() },
         }
+    }
+}
+
+impl Settings {
+    /// Finds options that nothing would use, as the others are.
+    ///
+    /// # Errors
+    /// [`Error::Option`] that says what the option is for.
+    fn check_used(&self, options: &BakeOptions) -> Result<()> {
+        let simplifies = matches!(options.patches, PatchSource::Decimated | PatchSource::Clustered);
+        let unused = [
+            (self.target_patches.is_some() && !simplifies, "--target-patches is for --patches decimated or clustered"),
+            (
+                self.face_colour.is_some() && options.patches != PatchSource::Faces,
+                "--face-colour is for --patches faces",
+            ),
+            (
+                self.gather_rays.is_some() && !options.reconstruct.gathers(),
+                "--gather-rays is for --reconstruct gather or adaptive",
+            ),
+        ];
+        let found = unused.into_iter().find(|(unused, _)| *unused);
+        found.map_or(Ok(()), |(_, message)| Err(Error::Option(message.into())))
     }
 }
 

@@ -46,7 +46,7 @@ pub fn positive_f32(text: &str) -> Parsed<f32> {
 /// An angle between normals, degrees.
 pub fn threshold(text: &str) -> Parsed<f32> {
     let x = number(text)? as f32;
-    if x > 0.0 && x <= 90.0 { Ok(x) } else { Err("must be above 0 and at most 90 degrees".into()) }
+    if x > 0.0 && x < 90.0 { Ok(x) } else { Err("must be above 0 and below 90 degrees".into()) }
 }
 
 /// A vertical angle of view, degrees.
@@ -67,6 +67,7 @@ pub fn time(text: &str) -> Parsed<Duration> {
     let (value, unit) = units
         .into_iter()
         .find_map(|(name, unit)| Some((text.strip_suffix(name)?, unit)))
+        .filter(|(value, _)| !value.ends_with(char::is_alphabetic))
         .ok_or("expected a time with its unit, such as 30s, 5m or 1h")?;
     Duration::try_from_secs_f64(positive(value)? * unit).map_err(|_| "is too long".into())
 }
@@ -246,8 +247,9 @@ mod tests {
         assert_eq!(message(percent("0%").map(drop)), "must be above 0");
         assert_eq!(message(percent("one").map(drop)), "\"one\" is not a number");
         assert_eq!(message(time("30").map(drop)), "expected a time with its unit, such as 30s, 5m or 1h");
+        assert_eq!(message(time("1ms").map(drop)), "expected a time with its unit, such as 30s, 5m or 1h");
         assert_eq!(message(time("-1s").map(drop)), "must be above 0");
         assert_eq!(message(time("1e99h").map(drop)), "is too long");
-        assert_eq!(message(threshold("91").map(drop)), "must be above 0 and at most 90 degrees");
+        assert_eq!(message(threshold("90").map(drop)), "must be above 0 and below 90 degrees");
     }
 }

@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use glam::Vec3;
-
 mod csv;
 mod exr;
 mod picture;
@@ -32,16 +30,6 @@ pub struct Difference {
     pub noise: f64,
     /// Values compared.
     pub count: usize,
-}
-
-/// Luminance of linear RGB with the primaries of sRGB (ITU-R BT.709).
-pub fn luminance(v: Vec3) -> f64 {
-    luminance_f64(v.to_array().map(f64::from))
-}
-
-/// As [`luminance`].
-pub(crate) fn luminance_f64([r, g, b]: [f64; 3]) -> f64 {
-    0.2126 * r + 0.7152 * g + 0.0722 * b
 }
 
 /// The difference of `values` from `reference`, which have one length, as do the reference's `standard_errors` where
@@ -188,7 +176,6 @@ mod tests {
         assert_eq!(difference(&[0.0], &[0.0], None).rmse, 0.0);
         assert_eq!(difference(&[1.0], &[0.0], None).rmse, f64::INFINITY);
         assert!(difference(&[f64::NAN], &[1.0], Some(&[0.1])).rmse.is_nan());
-        assert_eq!(luminance(Vec3::new(1.0, 0.0, 0.0)), 0.2126);
     }
 
     fn table(light: f64, at: Option<[f64; 3]>) -> Table {

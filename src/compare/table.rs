@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::{csv, exr, luminance_f64, ply};
-use crate::{Error, Result};
+use super::{csv, exr, ply};
+use crate::{Error, Result, colour::luminance_f64};
 
 /// One kind of light: values of three bands for every point or pixel.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -2,6 +2,7 @@
 
 use std::{
     fs::{self, File},
+    hash::{BuildHasher, Hasher, RandomState},
     io::{self, BufWriter, Write},
     path::{Path, PathBuf},
 };
@@ -20,6 +21,8 @@ pub struct Staged {
     /// Goes before the folder does.
     lock: Option<Lock>,
     folder: PathBuf,
+    /// What no other set has in its temporary names: processes of other machines and containers may have our number.
+    random: u64,
     /// Folders that were made, outermost first.
     made: Vec<PathBuf>,
     /// (temporary, final) paths.
@@ -33,14 +36,19 @@ impl Staged {
     /// # Errors
     /// [`Error::Io`] with the folder's path: it is a file, or cannot be made or written.
     pub fn open(folder: &Path) -> Result<Staged> {
-        let mut staged = Staged { lock: None, folder: folder.into(), made: Vec::new(), files: Vec::new() };
+        let random = RandomState::new().build_hasher().finish();
+        let mut staged = Staged { lock: None, folder: folder.into(), random, made: Vec::new(), files: Vec::new() };
         if folder.exists() && !folder.is_dir() {
             return Err(Error::io(folder, io::Error::other("is a file; an output folder was expected")));
         }
         let missing: Vec<&Path> = folder.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
         for path in missing.into_iter().rev() {
-            fs::create_dir(path).map_err(|e| Error::io(path, e))?;
-            staged.made.push(path.into());
+            match fs::create_dir(path) {
+                Ok(()) => staged.made.push(path.into()),
+                // Another process was faster.
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists && path.is_dir() => {}
+                Err(e) => return Err(Error::io(path, e)),
+            }
         }
         let probe = staged.temporary("probe");
         let written = File::create(&probe).map_err(|e| Error::io(folder, e));
@@ -112,15 +120,19 @@ impl Staged {
     }
 
     fn temporary(&self, name: &str) -> PathBuf {
-        self.folder.join(format!(".{name}.{}.tmp", std::process::id()))
+        self.folder.join(format!(".{name}.{}.tmp", self.random))
     }
 }
 
 /// Removes what killed processes have left of the file `name` in `folder`, which nobody else writes.
 pub(crate) fn sweep(folder: &Path, name: &str) {
     let left = |file: &str| {
-        let number = file.strip_prefix('.')?.strip_prefix(name)?.strip_prefix('.')?.strip_suffix(".tmp")?;
-        (!number.is_empty() && number.bytes().all(|b| b.is_ascii_digit())).then_some(())
+        let file = file.strip_prefix('.')?;
+        // Images are written beside the file that is to be theirs.
+        let file = file.strip_prefix('.').unwrap_or(file);
+        let numbers = file.strip_prefix(name)?.strip_prefix('.')?.strip_suffix(".tmp")?;
+        let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit() || b == b'-');
+        numbers.split(".tmp.").all(is_number).then_some(())
     };
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if entry.file_name().to_str().and_then(left).is_some() {
@@ -192,10 +204,32 @@ mod tests {
     }
 
     #[test]
+    fn sets_that_are_written_at_once_do_not_meet_and_each_is_whole() {
+        let root = tempfile::tempdir().unwrap();
+        let folder = root.path().join("a/b/c");
+        let barrier = std::sync::Barrier::new(8);
+        std::thread::scope(|scope| {
+            for k in 0..8u8 {
+                let (barrier, folder) = (&barrier, &folder);
+                scope.spawn(move || {
+                    barrier.wait();
+                    let mut staged = Staged::open(folder).unwrap();
+                    staged.write("one", |w| (0..1000).try_for_each(|_| w.write_all(&[k; 100]))).unwrap();
+                    barrier.wait();
+                    staged.commit().unwrap();
+                });
+            }
+        });
+        assert_eq!(names(&folder), ["one"]);
+        let bytes = fs::read(folder.join("one")).unwrap();
+        assert!(bytes.len() == 100_000 && bytes.iter().all(|b| *b == bytes[0]));
+    }
+
+    #[test]
     fn what_a_killed_process_left_is_swept_and_nothing_else() {
         let root = tempfile::tempdir().unwrap();
         let other = [".one.x.tmp", ".one..tmp", ".three.7.tmp", ".tmp"];
-        for name in [&other[..], &[".one.1.tmp", ".one.4194304.tmp"]].concat() {
+        for name in [&other[..], &[".one.1.tmp", ".one.4194304.tmp", "..one.1.tmp.77-0.tmp"]].concat() {
             fs::write(root.path().join(name), "half").unwrap();
         }
         let mut staged = Staged::open_alone(root.path(), "a test").unwrap();

@@ -103,13 +103,15 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
         (None, None) => {}
     }
     line("other rays", r.visibility.to_string());
+    let is_short = report.settings.as_ref().is_some_and(|s| report.solver.residual > s.tolerance);
     line(
         "solver",
         format!(
-            "{}, {} iterations, residual {}",
+            "{}, {} iterations, residual {}{}",
             report.solver.method,
             report.solver.iterations,
-            short(report.solver.residual)
+            short(report.solver.residual),
+            if is_short { ", which is as far as it got: more than --tolerance asks for" } else { "" }
         ),
     );
     line("power", energy(&report.energy));
@@ -140,14 +142,13 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
 }
 
 fn goal(g: &GoalReport, e: Option<&ErrorReport>) -> String {
-    let verdict = match g.reached {
-        Some(true) => "target reached: ",
-        Some(false) => "target not reached: ",
-        None => "",
+    let (verdict, why) = match g.reached {
+        Some(true) => ("target reached: ", String::new()),
+        Some(false) => ("target not reached: ", format!("; {}", g.ended)),
+        None => ("", format!("; {}", g.ended)),
     };
     let estimated = 100.0 * e.map_or(f64::NAN, |e| e.total.total);
-    let count = g.steps.len();
-    format!("{verdict}estimated {estimated:.2} % after {count} bakes in {:.2} s; {}", g.seconds, g.ended)
+    format!("{verdict}estimated {estimated:.2} % after {} bakes in {:.2} s{why}", g.steps.len(), g.seconds)
 }
 
 fn error(e: &ErrorReport) -> String {

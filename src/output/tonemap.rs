@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use crate::colour;
+
 /// Share of the lit values that stays below display white under automatic exposure.
 const WHITE_PERCENTILE: f64 = 0.98;
 
@@ -44,9 +46,9 @@ impl ToneMap {
     }
 }
 
-/// Luminance of linear RGB with the primaries of sRGB (ITU-R BT.709).
+/// [`colour::luminance`] in single precision.
 pub fn luminance(rgb: Vec3) -> f32 {
-    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
+    colour::luminance(rgb) as f32
 }
 
 fn curve(x: f32) -> f32 {

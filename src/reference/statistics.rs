@@ -4,7 +4,7 @@
 //! Rounds are joined by their numbers of samples, which does not depend on what they found.
 
 use super::walk::Light;
-use crate::compare::luminance_f64;
+use crate::colour::luminance_f64;
 
 /// Quantities whose errors are known: direct, indirect, total (three bands each), then their luminances.
 const QUANTITIES: usize = 12;

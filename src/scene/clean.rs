@@ -1,15 +1,12 @@
 //! From raw meshes in world coordinates to a [`Scene`] that is safe to compute with.
 
-use std::collections::HashMap;
-
 use glam::{DVec3, Vec2, Vec3};
 use serde::Serialize;
 
 use super::{
-    Builder, Corners, Frame, Material, Opacity, RawMaterial, RawMesh, Scene, Triangle,
+    Builder, Corners, Frame, Scene, Triangle,
     builder::list,
     coincident,
-    material::ALBEDO_MAX,
     sides::{self, SidesRule},
 };
 use crate::{Error, Result};
@@ -20,9 +17,6 @@ const FARTHEST: f64 = 1e60;
 /// A triangle is dropped if its height over its longest edge is below this, in local units (the longest side of the
 /// scene is between 0.5 and 1): 2 ulp of the largest coordinate, so that its normal would be rounding noise.
 const THINNEST: f64 = f32::EPSILON as f64;
-
-/// Largest radiance of any channel, W/m2/sr; the surface of the sun has 2e7. Beyond it, sums might overflow f32.
-const EMISSION_MAX: f32 = 1e12;
 
 /// Surfaces of lower opacity neither block nor receive light.
 const OPAQUE: f32 = 0.5;
@@ -62,6 +56,7 @@ impl Builder {
         let mut dropped = Dropped { short_faces: self.short_faces, ..Dropped::default() };
         self.clean_materials();
         self.split_untextured();
+        self.colour_clear_texels();
         let kept = self.opaque_and_finite(&mut dropped);
         let Some(frame) = self.frame(&kept) else {
             dropped.zero_area = kept.len();
@@ -137,69 +132,6 @@ impl Builder {
         ))
     }
 
-    fn clean_materials(&mut self) {
-        let (mut bright, mut negative, mut emission) = (Vec::new(), Vec::new(), Vec::new());
-        let mut used = vec![false; self.materials.len()];
-        for mesh in self.meshes.iter().filter(|m| !m.triangles.is_empty()) {
-            used[mesh.material as usize] = true;
-        }
-        for (RawMaterial { surface, opacity }, _) in self.materials.iter_mut().zip(used).filter(|(_, used)| *used) {
-            let name = || format!("\"{}\"", surface.name);
-            if !surface.albedo.is_finite() || surface.albedo.min_element() < 0.0 {
-                negative.push(format!("{} ({})", name(), rgb(surface.albedo)));
-                surface.albedo = finite(surface.albedo);
-            }
-            if surface.albedo.max_element() > ALBEDO_MAX {
-                bright.push(format!("{} ({})", name(), rgb(surface.albedo)));
-                surface.albedo = surface.albedo.min(Vec3::splat(ALBEDO_MAX));
-            }
-            let clean = finite(surface.emission).min(Vec3::splat(EMISSION_MAX));
-            if clean != surface.emission {
-                emission.push(format!("{} ({})", name(), rgb(surface.emission)));
-                surface.emission = clean;
-            }
-            if !opacity.factor.is_finite() {
-                opacity.factor = 1.0;
-            }
-        }
-        if !bright.is_empty() {
-            self.warn(format!("albedo above {ALBEDO_MAX} is clamped to it, materials {}", list(&bright, 8)));
-        }
-        if !negative.is_empty() {
-            self.warn(format!("albedo that is negative or not finite becomes 0, materials {}", list(&negative, 8)));
-        }
-        if !emission.is_empty() {
-            self.warn(format!(
-                "emission that is negative or not finite becomes 0, and at most {EMISSION_MAX:e} W/m2/sr counts, materials {}",
-                list(&emission, 8)
-            ));
-        }
-    }
-
-    /// Gives meshes without texture coordinates a copy of their material without textures.
-    fn split_untextured(&mut self) {
-        let mut copies: HashMap<u32, u32> = HashMap::new();
-        let mut names = Vec::new();
-        for mesh in self.meshes.iter_mut().filter(|m| m.uvs.is_empty() && !m.triangles.is_empty()) {
-            let material = &self.materials[mesh.material as usize];
-            let Material { albedo_texture, emission_texture, .. } = material.surface;
-            if albedo_texture.or(emission_texture).is_none() {
-                continue;
-            }
-            let mut copy = material.clone();
-            mesh.material = *copies.entry(mesh.material).or_insert_with(|| {
-                names.push(format!("\"{}\" in mesh \"{}\"", copy.surface.name, mesh.name));
-                copy.surface.albedo_texture = None;
-                copy.surface.emission_texture = None;
-                self.materials.push(copy);
-                self.materials.len() as u32 - 1
-            });
-        }
-        if !names.is_empty() {
-            self.warn(format!("no texture coordinates, factors count alone, materials {}", list(&names, 5)));
-        }
-    }
-
     /// (mesh, triangle) of everything that is opaque and finite.
     fn opaque_and_finite(&mut self, dropped: &mut Dropped) -> Vec<(u32, u32)> {
         let mut kept = Vec::with_capacity(self.meshes.iter().map(|m| m.triangles.len()).sum());
@@ -240,25 +172,6 @@ impl Builder {
             ));
         }
         kept
-    }
-
-    /// Mean opacity of a triangle; glowing surfaces always count as opaque.
-    fn opacity(&self, mesh: &RawMesh, material: &RawMaterial, t: usize) -> f32 {
-        let Opacity { factor, texture, cutoff } = material.opacity;
-        if material.surface.emission != Vec3::ZERO {
-            return 1.0;
-        }
-        let pass = |opacity: f32| cutoff.map_or(opacity, |c| if opacity >= c { 1.0 } else { 0.0 });
-        match texture {
-            Some(map) if !mesh.uvs.is_empty() => {
-                let [a, b, c] = mesh.triangles[t].map(|v| mesh.uvs[v as usize]);
-                let map = &self.opacity_maps[map as usize];
-                let samples = super::triangle_samples();
-                samples.iter().map(|&(u, v)| pass(factor * map.sample(a * (1.0 - u - v) + b * u + c * v))).sum::<f32>()
-                    / samples.len() as f32
-            }
-            _ => pass(factor),
-        }
     }
 
     /// The frame that the triangles with an area fit in; `None` if there are none.
@@ -432,10 +345,7 @@ fn longest([a, b, c]: [DVec3; 3]) -> f64 {
     (b - a).length().max((c - b).length()).max((a - c).length())
 }
 
-fn finite(v: Vec3) -> Vec3 {
+/// Components that are negative or not finite become 0.
+pub(super) fn finite(v: Vec3) -> Vec3 {
     Vec3::from_array(v.to_array().map(|x| if x.is_finite() && x > 0.0 { x } else { 0.0 }))
-}
-
-fn rgb(c: Vec3) -> String {
-    format!("{:?} {:?} {:?}", c.x, c.y, c.z)
 }

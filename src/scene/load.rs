@@ -43,11 +43,14 @@ pub(crate) fn read_mesh(path: &Path, builder: &mut Builder) -> Result<()> {
     match extension(path).as_str() {
         "obj" => obj::read(path, builder),
         "gltf" | "glb" => gltf::read(path, builder),
-        other => Err(Error::input(
-            path,
-            "",
-            format!("\".{other}\" is no kind of scene; known are .obj, .gltf, .glb and scene files .toml"),
-        )),
+        other => {
+            let what = match other {
+                _ if path.is_dir() => "is a folder".to_string(),
+                "" => "has no extension that tells its kind".to_string(),
+                other => format!("\".{other}\" is no kind of scene"),
+            };
+            Err(Error::input(path, "", format!("{what}; scenes are .obj, .gltf, .glb and scene files .toml")))
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::Material;
+use super::{Material, OpacityMap};
 
 /// One mesh with one material, world coordinates.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -60,6 +60,22 @@ pub struct RawMaterial {
     pub surface: Material,
     /// Opacity.
     pub opacity: Opacity,
+}
+
+impl Opacity {
+    /// The opacity at a place of its map.
+    pub(super) fn at(&self, map: &OpacityMap, uv: Vec2) -> f32 {
+        self.cut(self.factor * map.sample(uv))
+    }
+
+    /// The opacity where there is no map.
+    pub(super) fn everywhere(&self) -> f32 {
+        self.cut(self.factor)
+    }
+
+    fn cut(&self, opacity: f32) -> f32 {
+        self.cutoff.map_or(opacity, |c| if opacity >= c { 1.0 } else { 0.0 })
+    }
 }
 
 impl RawMaterial {

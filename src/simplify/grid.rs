@@ -39,10 +39,12 @@ impl Grid {
         if !(1.0..=MAX_DIM as f64).contains(&(side / voxel_size)) {
             let size = side * scene.frame.scale;
             return Err(Error::Option(format!(
-                "voxel size {} does not fit a scene of size {size}: choose --voxel from {} to {size}, or --grid from 1 \
-                 to {MAX_DIM}",
-                voxel_size * scene.frame.scale,
-                size / MAX_DIM as f64,
+                "voxel size {} does not fit a scene of size {}: choose --voxel from {} to {}, or --grid from 2 to \
+                 {MAX_DIM}",
+                (voxel_size * scene.frame.scale) as f32,
+                size as f32,
+                (size / MAX_DIM as f64) as f32,
+                (0.5 * size) as f32,
             )));
         }
         let origin = min - voxel_size * DVec3::new(0.3719, 0.4127, 0.3391);
