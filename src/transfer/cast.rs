@@ -71,12 +71,10 @@ pub fn seconds_a_ray(casting: &Casting, patches: &[u32]) -> Vec<f64> {
     let caster = Caster::new(casting);
     let mut s = caster.take();
     let mut writer = BlockWriter::default();
-    let few = if casting.points.rays() < LONG { Vec::new() } else { vec![true; casting.simplified.patches.len()] };
     let mut seconds = |i: u32| {
-        let rays = caster.rays(i, &few);
         let begun = Instant::now();
-        caster.row(i, &few, &mut s, &mut writer);
-        begun.elapsed().as_secs_f64() / rays as f64
+        caster.row(i, &[], &mut s, &mut writer);
+        begun.elapsed().as_secs_f64() / casting.points.rays() as f64
     };
     // Twice, because the machine may do something else meanwhile.
     patches.iter().map(|&i| seconds(i).min(seconds(i))).collect()
@@ -105,9 +103,6 @@ pub fn receive(casting: &Casting, patches: &[u32], sent: &[f32], closed: bool, r
     });
     chunks.flatten_iter().collect()
 }
-
-/// Rows of so many rays are timed by such as have fewer, since that takes less time and tells the same.
-const LONG: u32 = 4096;
 
 /// A row of little importance has this many times fewer rays, but no fewer than [`LEAST`].
 const FEWER: u32 = 8;

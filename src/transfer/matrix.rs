@@ -148,7 +148,8 @@ impl FormFactors {
     /// `out_i = sum_j F_ij x_j`, N channels at once. Sums run in the order of j: the same bits for any number of
     /// threads.
     pub fn multiply<const N: usize>(&self, x: &[[f64; N]], out: &mut [[f64; N]]) {
-        out.par_chunks_mut(256).enumerate().for_each(|(chunk, out)| {
+        // One at a time, so that no thread waits long for the last.
+        out.par_chunks_mut(256).enumerate().with_max_len(1).for_each(|(chunk, out)| {
             for (k, out) in out.iter_mut().enumerate() {
                 let i = chunk * 256 + k;
                 let mut sum = [0.0; N];
