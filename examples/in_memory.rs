@@ -103,7 +103,7 @@ pub fn indirect_by_stages(scene: &Scene, options: &BakeOptions, at: SurfacePoint
             std::array::from_fn(|c| (direct.irradiance[i][c] / shown) as f64 * albedo[i][c])
         })
         .collect();
-    let solution = solve::solve(f, &albedo, &source, options.tolerance);
+    let solution = solve::solve(f, &albedo, &source, options.tolerance, false);
     println!("solve        {} iterations, residual {:.1e}", solution.iterations, solution.residual);
 
     // Step 5: back to the surfaces.
