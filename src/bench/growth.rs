@@ -4,7 +4,7 @@ use plotters::prelude::*;
 
 use super::{
     Machine,
-    plot::{Anchor, Area, Axis, COLOURS, Drawn, INK, PALE, Pixel, short, style, write},
+    plot::{Anchor, Area, Axis, COLOURS, Drawn, INK, PALE, Pixel, grouped, short, style, write},
 };
 use crate::{Error, Result};
 
@@ -39,6 +39,8 @@ type Curve = (String, RGBColor, Vec<(f64, f64)>);
 const SIZE: (u32, u32) = (1320, 640);
 /// Left, top, right, bottom of the panels; to their right stand the names of the curves.
 const PANELS: [[i32; 4]; 2] = [[90, 100, 610, 570], [800, 100, 1180, 570]];
+/// For stages beyond those that [`COLOURS`] has one for.
+const MORE: [RGBColor; 2] = [RGBColor(86, 180, 233), RGBColor(130, 130, 130)];
 /// Stages below this share of the time of the largest bake are left out.
 const SHARE: f64 = 0.02;
 /// Pixels between the names of two curves at least.
@@ -68,7 +70,7 @@ fn draw(text: &mut String, title: &str, bakes: &[Growth], machine: &Machine) -> 
         let large = last.stages.iter().filter(|s| s.1 > SHARE * last.total());
         times.extend(
             large
-                .zip(COLOURS.iter().cycle())
+                .zip(COLOURS.iter().chain(&MORE).cycle())
                 .map(|((name, _), &colour)| (name.clone(), colour, curve(&|b| b.seconds(name)))),
         );
     }
@@ -90,11 +92,11 @@ fn panel(root: &Area, edges: [i32; 4], [title, unit]: [&str; 2], curves: &[Curve
     let y = Axis::new(all().map(|p| p.1), bottom, top);
     let place = |&(patches, value): &(f64, f64)| (x.pixel(patches), y.pixel(value));
 
-    for (value, labelled) in x.ticks() {
+    for (value, _) in x.ticks() {
         let p = x.pixel(value);
         root.draw(&PathElement::new([(p, bottom), (p, bottom + 4)], INK))?;
-        if labelled {
-            write(root, &short(value), (p, bottom + 8), 14, Anchor::TOP)?;
+        if value.log10().fract() == 0.0 {
+            write(root, &grouped(value as usize), (p, bottom + 8), 14, Anchor::TOP)?;
         }
     }
     for (value, labelled) in y.ticks() {
@@ -171,7 +173,7 @@ mod tests {
         let machine = Machine { cpu: "A CPU".into(), threads: 2, version: "0.1.0", commit: None };
         let bakes = [bake(10_000, 1e4), bake(100_000, 1e5), bake(1_000_000, 1e7)];
         let text = growth_svg("a box", &bakes, &machine).unwrap();
-        for label in ["a box", "A CPU", "solve: N^1.50", "rows: N^1.50", "whole bake: N^1.00", "100000"] {
+        for label in ["a box", "A CPU", "solve: N^1.50", "rows: N^1.50", "whole bake: N^1.00", "100,000"] {
             assert!(text.contains(label), "{label}");
         }
         assert!(!text.contains("tiny"));
