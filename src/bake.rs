@@ -25,6 +25,7 @@ mod vertices;
 
 pub use finished::{Bake, Irradiance, PatchLight};
 pub use outline::{Outline, outline};
+pub(crate) use outlook::of_rows;
 pub use prepared::Kept;
 pub(crate) use prepared::ROWS_A_BLOCK;
 

@@ -71,6 +71,12 @@ impl Outlook {
         }
     }
 
+    /// Of a process that holds rows and does nothing with them.
+    pub(crate) fn of_rows(row_bytes: f64) -> Outlook {
+        let (held, peak) = (memory_bytes(), peak_memory_bytes());
+        Outlook { held, peak, rows: row_bytes as u64, ..Outlook::default() }
+    }
+
     /// As it will be when the process holds so many bytes more.
     pub(crate) fn after(self, more: f64) -> Outlook {
         let held = self.held + more as u64;

@@ -47,13 +47,7 @@ fn outlook(
     let outer = |i: usize| casting.outer.get(i).is_some_and(|&outer| outer);
     // Taken as reached, whatever is not seen to be dark.
     let wanted: Vec<u32> = (0..lit.len()).filter(|&i| lit[i] || !outer(i)).map(|i| i as u32).collect();
-    let count = (SAMPLE_RAYS / casting.rays as usize).min(MOST_ROWS).min(wanted.len());
-    let sample: Vec<u32> = (0..count).map(|k| wanted[k * wanted.len() / count]).collect();
-    let mut rows = Rows::new(lit.len());
-    transfer::cast(casting, &sample, &[], &mut rows, &mut (), &Hushed(progress))?;
-    let bytes: usize = rows.blocks().iter().map(|block| block.bytes.len() + block.marks.len()).sum();
-    let hidden = sample.iter().filter(|&&i| rows.get(i).is_some_and(|r| r.row.view == View::Hidden)).count();
-    let share = |n: usize| n as f64 / count.max(1) as f64;
+    let Sample { row_bytes, hidden } = sample(casting, &wanted, progress)?;
 
     let (corners, vertices) = if options.patches == PatchSource::Surfels {
         let fragments = &simplified.fragments;
@@ -65,7 +59,7 @@ fn outlook(
         let (corners, vertices) = simplify::foresee(scene, fragments, wanted);
         // Sides that are hidden inside objects get none, but every piece has one side.
         let one_side: usize = (0..fragments.len()).map(|f| fragments.uv(f).len()).sum();
-        let left = (corners as f64 * (1.0 - share(hidden))).max(one_side as f64).min(corners as f64);
+        let left = (corners as f64 * (1.0 - hidden)).max(one_side as f64).min(corners as f64);
         (left, vertices as f64 * left / corners.max(1) as f64)
     } else {
         let corners = CORNERS * simplify::expected_fragments(scene, &simplified.grid);
@@ -73,9 +67,36 @@ fn outlook(
     };
     Ok(Outlook::new(&Sizes {
         patches: lit.len(),
-        row_bytes: share(bytes) * wanted.len() as f64,
+        row_bytes,
         corners: corners as usize,
         vertices: vertices as usize,
         estimate: options.estimate,
     }))
+}
+
+/// What the process will take if the rows of `patches` are cast and kept, and nothing is done with them.
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::Error::Interrupted).
+pub(crate) fn of_rows(casting: &Casting, patches: &[u32], progress: &dyn Progress) -> Result<Outlook> {
+    Ok(Outlook::of_rows(sample(casting, patches, progress)?.row_bytes))
+}
+
+/// What some rows tell of all.
+struct Sample {
+    /// Bytes of all rows together.
+    row_bytes: f64,
+    /// Share of the patches that lie hidden.
+    hidden: f64,
+}
+
+fn sample(casting: &Casting, patches: &[u32], progress: &dyn Progress) -> Result<Sample> {
+    let count = (SAMPLE_RAYS / casting.rays as usize).min(MOST_ROWS).min(patches.len());
+    let sample: Vec<u32> = (0..count).map(|k| patches[k * patches.len() / count]).collect();
+    let mut rows = Rows::new(casting.simplified.patches.len());
+    transfer::cast(casting, &sample, &[], &mut rows, &mut (), &Hushed(progress))?;
+    let bytes: usize = rows.blocks().iter().map(|block| block.bytes.len() + block.marks.len()).sum();
+    let hidden = sample.iter().filter(|&&i| rows.get(i).is_some_and(|r| r.row.view == View::Hidden)).count();
+    let share = |n: usize| n as f64 / count.max(1) as f64;
+    Ok(Sample { row_bytes: share(bytes) * patches.len() as f64, hidden: share(hidden) })
 }

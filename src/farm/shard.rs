@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::Plan;
 use crate::{
     Error, Result,
-    bake::{Outline, ROWS_A_BLOCK},
+    bake::{self, Outline, ROWS_A_BLOCK, Run},
     lock::Lock,
     lxt::{
         Checkpoint, Container, Identity, Name,
@@ -21,7 +21,6 @@ use crate::{
         write_file,
     },
     output::atomic::sweep,
-    progress::Progress,
     trace,
     transfer::{self, Block, Casting, RowKeeper, Rows},
 };
@@ -77,9 +76,9 @@ impl Plan {
     /// nothing is built but the patches and the surfaces that rays meet.
     ///
     /// # Errors
-    /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if `progress` asks to stop, [`Error::Io`];
-    /// [`Error::Input`] if the plan is damaged.
-    pub fn cast(&self, k: usize, progress: &dyn Progress) -> Result<Cast> {
+    /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if the progress of `run` asks to stop,
+    /// [`Error::Io`]; [`Error::Input`] if the plan is damaged; those of the keeper of `run`.
+    pub fn cast(&self, k: usize, run: &mut Run) -> Result<Cast> {
         if k >= self.shards().len() {
             return Ok(Cast::Beyond);
         }
@@ -100,12 +99,16 @@ impl Plan {
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
         let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;
-        let mut journal = Journal { checkpoint, again: false, written: Instant::now(), wait: FIRST };
+        let keeper = &mut *run.keeper;
+        let mut journal = Journal { keeper, checkpoint, again: false, written: Instant::now(), wait: FIRST };
         if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
             // It is of something else; nobody asked for it to be used.
             journal.checkpoint.discard()?;
         }
         let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
+        let progress = run.progress;
+        let missing: Vec<u32> = own.iter().copied().filter(|&i| rows.get(i).is_none()).collect();
+        journal.keeper.begin(&mut rows, &|| bake::of_rows(&casting, &missing, progress))?;
         let mut rays = transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
         journal.again = true;
         let casting = Casting { again: 1, marked: false, ..casting };
@@ -207,7 +210,9 @@ impl Settings {
 }
 
 /// Writes down what is cast.
-struct Journal {
+struct Journal<'a> {
+    /// Where rows stay.
+    keeper: &'a mut dyn RowKeeper,
     checkpoint: Checkpoint,
     /// Whether rows of other rays come.
     again: bool,
@@ -215,8 +220,9 @@ struct Journal {
     wait: Duration,
 }
 
-impl RowKeeper for Journal {
+impl RowKeeper for Journal<'_> {
     fn keep(&mut self, block: Block) -> Result<Block> {
+        let block = self.keeper.keep(block)?;
         self.checkpoint.add(&block, self.again)?;
         if self.written.elapsed() >= self.wait {
             self.checkpoint.flush()?;
