@@ -245,10 +245,7 @@ fn merge(args: &MergeArgs) -> Result<()> {
             let plan = Plan::open(&args.plan)?;
             let mut keeper = args.memory.keeper(folder_of(place), 0);
             let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
-            let mut kept = plan.merge()?;
-            let (source, scene) = (plan.source()?, plan.scene()?);
-            bake::prepare(&scene, plan.options(), &mut kept, &mut run)?;
-            Transfer::write(place, &source, &scene, plan.options(), &kept)
+            plan.merge_to_file(place, &mut run)
         })?;
         if !running.quiet && !running.json_progress {
             say(&format!("{:<14}{}\n", "written to", place.display()));

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Division,
-    balance::{self, MOST_SHARDS},
+    balance::{self, MOST_SHARDS, SAMPLE_RAYS},
 };
 use crate::{
     BakeOptions, Error, Result, Scene,
@@ -198,7 +198,8 @@ impl Plan {
 /// The work of each shard.
 fn divided(simplified: &Simplified, outline: &Outline, options: &BakeOptions, division: Division) -> Result<Vec<Part>> {
     let tracer = trace::build(options.backend, &simplified.geometry)?;
-    let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, options) };
+    let short = BakeOptions { rays: options.rays.min(SAMPLE_RAYS), ..options.clone() };
+    let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, &short) };
     let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
     let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {
         (true, _) => 0,

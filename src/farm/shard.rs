@@ -17,7 +17,7 @@ use crate::{
     lock::Lock,
     lxt::{
         Checkpoint, Container, Identity, Name,
-        rows::{self, AGAIN, ROWS},
+        rows::{self, AGAIN, Entries, ROWS},
         write_file,
     },
     output::atomic::sweep,
@@ -35,7 +35,7 @@ const PAUSE: Duration = Duration::from_millis(30);
 
 /// From the beginning until rows are written down, and between two times at last. In between the times double, so that what
 /// a kill costs is a few seconds, and half of the work at most.
-const FIRST: Duration = Duration::from_millis(250);
+const FIRST: Duration = Duration::from_millis(500);
 const LAST: Duration = Duration::from_secs(8);
 
 /// What came of the order to cast a shard.
@@ -83,12 +83,12 @@ impl Plan {
             return Ok(Cast::Beyond);
         }
         let outline = self.outline()?;
-        if self.shard(k, &outline).is_ok() {
+        if self.shard(k, &outline, Entries::Copied).is_ok() {
             return Ok(Cast::Before);
         }
         let _lock = self.lock(k)?;
         // Its last holder may have finished it.
-        if self.shard(k, &outline).is_ok() {
+        if self.shard(k, &outline, Entries::Copied).is_ok() {
             return Ok(Cast::Before);
         }
         sweep(self.folder(), &format!("shard-{k}.lxt"));
@@ -127,7 +127,7 @@ impl Plan {
     }
 
     /// The rows of shard `k`, if all of them are there and sound.
-    pub(super) fn shard(&self, k: usize, outline: &Outline) -> Result<Shard> {
+    pub(super) fn shard(&self, k: usize, outline: &Outline, entries: Entries) -> Result<Shard> {
         let (path, patches) = (self.shard_path(k), self.patches());
         let file = Container::open(&path, SHARD)?;
         let wrong = |what: String| Error::input(&path, "", what);
@@ -143,8 +143,8 @@ impl Plan {
             return Err(wrong(difference));
         }
         file.verify()?;
-        let shard =
-            Shard { rows: rows::read_all(&file, ROWS, patches)?, again: rows::read_all(&file, AGAIN, patches)? };
+        let read = |kind: Name| rows::read_all(&file, kind, patches, entries);
+        let shard = Shard { rows: read(ROWS)?, again: read(AGAIN)? };
         let (own, other) = self.rows_of(k, outline);
         let rays = self.options().rays;
         let few = |i: u32| outline.few.get(i as usize).is_some_and(|&few| few);

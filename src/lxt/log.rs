@@ -17,11 +17,11 @@ const FRAME: usize = 8 + HASH;
 
 /// Appends a frame in one piece: what is torn is torn at the end.
 pub fn put(file: &mut File, parts: &[&[u8]]) -> io::Result<()> {
-    let payload = parts.concat();
-    let mut frame = Vec::with_capacity(FRAME + payload.len());
-    frame.extend((payload.len() as u64).to_le_bytes());
-    frame.extend(blake3::hash(&payload).as_bytes());
-    frame.extend(payload);
+    let mut frame = vec![0; FRAME];
+    parts.iter().for_each(|part| frame.extend_from_slice(part));
+    let (head, payload) = frame.split_at_mut(FRAME);
+    head[..8].copy_from_slice(&(payload.len() as u64).to_le_bytes());
+    head[8..].copy_from_slice(blake3::hash(payload).as_bytes());
     file.write_all(&frame)
 }
 

@@ -10,10 +10,10 @@ mod rows;
 mod spill;
 mod tally;
 
-pub use cast::{Casting, cast, receive, row_length, row_rays, seconds_a_ray};
+pub use cast::{Casting, TIMED, cast, receive, row_length, row_rays, seconds_a_ray};
 pub use emit::{Emitter, patch_points};
 pub use estimate::{Estimate, Plan, estimate, estimate_plan, first_wave};
 pub use matrix::FormFactors;
 pub use points::PointSets;
-pub use rows::{Block, BlockWriter, Row, RowKeeper, RowRef, Rows, View};
+pub use rows::{Block, BlockWriter, Coded, Row, RowKeeper, RowRef, Rows, View};
 pub use spill::Spill;
