@@ -61,8 +61,8 @@ impl Plan {
         for (k, shard) in read.into_iter().enumerate() {
             match shard {
                 Ok(shard) => {
-                    shard.rows.blocks().iter().for_each(|block| rows.add(block.clone()));
-                    shard.again.blocks().iter().for_each(|block| again.add(block.clone()));
+                    shard.rows.into_iter().for_each(|block| rows.add(block));
+                    shard.again.into_iter().for_each(|block| again.add(block));
                 }
                 Err(error) => flaws.push((k, error)),
             }

@@ -65,10 +65,10 @@ struct Settings {
     options: BTreeMap<String, String>,
 }
 
-/// The rows of a shard.
+/// The rows of a shard, in blocks: an index of all patches for each of many shards would take more than these.
 pub(super) struct Shard {
-    pub rows: Rows,
-    pub again: Rows,
+    pub rows: Vec<Block>,
+    pub again: Vec<Block>,
 }
 
 impl Plan {
@@ -143,13 +143,12 @@ impl Plan {
             return Err(wrong(difference));
         }
         file.verify()?;
-        let read = |kind: Name| rows::read_all(&file, kind, patches, entries);
+        let read = |kind: Name| rows::read_blocks(&file, kind, patches, entries);
         let shard = Shard { rows: read(ROWS)?, again: read(AGAIN)? };
         let (own, other) = self.rows_of(k, outline);
         let rays = self.options().rays;
         let few = |i: u32| outline.few.get(i as usize).is_some_and(|&few| few);
-        let is_there = |i: &u32| shard.rows.with_rays(*i, transfer::row_length(rays, few(*i)) as usize).is_some();
-        let all = own.iter().all(is_there) && other.iter().all(|&i| shard.again.with_rays(i, rays as usize).is_some());
+        let all = has(&shard.rows, &own, |i| transfer::row_length(rays, few(i))) && has(&shard.again, &other, |_| rays);
         if all { Ok(shard) } else { Err(wrong("lacks rows".into())) }
     }
 
@@ -189,6 +188,13 @@ impl Plan {
     pub(super) fn is_there(&self, k: usize) -> bool {
         !matches!(fs::metadata(self.shard_path(k)), Err(e) if e.kind() == io::ErrorKind::NotFound)
     }
+}
+
+/// Whether `blocks` have rows of all `patches`, of so many rays.
+fn has(blocks: &[Block], patches: &[u32], rays: impl Fn(u32) -> u32) -> bool {
+    let mut there: Vec<(u32, u32)> = blocks.iter().flat_map(|b| &b.rows).map(|row| (row.patch, row.rays())).collect();
+    there.sort_unstable();
+    patches.iter().all(|&i| there.binary_search(&(i, rays(i))).is_ok())
 }
 
 impl Settings {

@@ -135,6 +135,16 @@ pub fn write_all<W: Write>(out: &mut Writer<W>, kind: Name, rows: &Rows) -> io::
 /// # Errors
 /// Those of [`Container::block`]; [`Error::Input`](crate::Error::Input) if the rows are wrong.
 pub fn read_all(file: &Container, kind: Name, patches: usize, entries: Entries) -> Result<Rows> {
+    let mut rows = Rows::new(patches);
+    read_blocks(file, kind, patches, entries)?.into_iter().for_each(|block| rows.add(block));
+    Ok(rows)
+}
+
+/// As [`read_all`], without an index.
+///
+/// # Errors
+/// As of [`read_all`].
+pub fn read_blocks(file: &Container, kind: Name, patches: usize, entries: Entries) -> Result<Vec<Block>> {
     let read = |number: u64| {
         let (payload, hash) = file.block_with_hash(kind, number)?;
         let checked = parts(&payload, kind == AGAIN).and_then(|block| match entries {
@@ -145,8 +155,5 @@ pub fn read_all(file: &Container, kind: Name, patches: usize, entries: Entries) 
         Ok(Block { coded: Some(Coded { payload, hash }), ..block })
     };
     let numbers: Vec<u64> = file.numbers(kind).collect();
-    let blocks: Result<Vec<Block>> = numbers.into_par_iter().map(read).collect();
-    let mut rows = Rows::new(patches);
-    blocks?.into_iter().for_each(|block| rows.add(block));
-    Ok(rows)
+    numbers.into_par_iter().map(read).collect()
 }

@@ -68,6 +68,10 @@ pub fn cast(
     keeper: &mut dyn RowKeeper,
     progress: &dyn Progress,
 ) -> Result<u64> {
+    if patches.iter().all(|&i| rows.with_rays(i, row_length(casting.rays, is_few(few, i)) as usize).is_some()) {
+        // Merging and relighting need no points.
+        return Ok(0);
+    }
     let caster = Caster::new(casting);
     let mut cast = 0;
     progress.begin("form factors", patches.len() as u64);
@@ -129,6 +133,11 @@ const LEAST: u32 = 16;
 /// Rays of a row, of so many usually, and of few if it is of little importance.
 pub fn row_length(rays: u32, few: bool) -> u32 {
     if few { rays.div_ceil(FEWER).max(LEAST) } else { rays }
+}
+
+/// Whether the row of a patch is one of those that are `few`.
+fn is_few(few: &[bool], patch: u32) -> bool {
+    few.get(patch as usize).is_some_and(|&few| few)
 }
 
 /// Patches of a unit of parallel work.
@@ -209,7 +218,7 @@ impl<'a> Caster<'a> {
     }
 
     fn sets(&self, patch: u32, few: &[bool]) -> &PointSets {
-        if few.get(patch as usize).is_some_and(|&few| few) { &self.fewer } else { &self.rows }
+        if is_few(few, patch) { &self.fewer } else { &self.rows }
     }
 
     /// Patches in the portions in which they are best added.
