@@ -4,15 +4,16 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::{Command, Output},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use luxel::{
-    Result,
+    Error, Result,
     bake::Run,
     farm::{Cast, Plan},
     lxt::{Container, Name, Writer},
     outlook::Outlook,
-    progress::Silent,
+    progress::{Progress, Silent},
     transfer::{Block, RowKeeper, Rows, Spill},
 };
 use tempfile::TempDir;
@@ -225,6 +226,36 @@ fn rows_of_a_shard_may_leave_the_memory_and_what_no_memory_holds_is_refused() {
         .args(["--shards", "2", "-o"])
         .arg(folder.path().join("other"));
     assert!(limited(&mut other).contains("the bake would take "));
+}
+
+/// Wants no more once anything is done.
+#[derive(Default)]
+struct Once(AtomicBool);
+
+impl Progress for Once {
+    fn begin(&self, _: &str, _: u64) {}
+
+    fn end(&self) {}
+
+    fn advance(&self, _: u64) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    fn stopped(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+#[test]
+fn a_shard_that_is_interrupted_at_once_keeps_what_it_has_cast() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("plan");
+    plan(&place, "2", &[]);
+    let plan = Plan::open(&place).unwrap();
+    let cast = |progress: &dyn Progress| plan.cast(0, &mut Run { progress, keeper: &mut (), deadline: None });
+    assert!(matches!(cast(&Once::default()), Err(Error::Interrupted(_))));
+    let resumed = cast(&Silent).unwrap();
+    assert!(matches!(resumed, Cast::Now { resumed: 1.., .. }), "{resumed:?}");
 }
 
 #[test]

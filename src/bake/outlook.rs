@@ -7,13 +7,20 @@ use crate::{
     outlook::{Outlook, Sizes},
     progress::{Hushed, Progress},
     sampling::hash,
-    simplify::{self, NO_PATCH},
+    simplify::{self, NO_PATCH, Simplified},
     transfer::{self, Casting, RowKeeper, Rows, View},
 };
 
 /// Rays of the sample of rows, and rows in it at most.
 const SAMPLE_RAYS: usize = 1 << 21;
 const MOST_ROWS: usize = 512;
+/// Bytes of a triangle and of its place in the tree of a ray tracer, about.
+const TRACED_TRIANGLE: usize = 12 + 150;
+/// Bytes of a piece of surface without its corners: triangle, voxel, start, patches of both sides; two cells of the hit map.
+const FRAGMENT: usize = 4 + 8 + 4 + 8 + 8;
+/// Bytes of a patch without its members: area, five vectors, voxel, start; place in the index; direct light and what is known
+/// of it.
+const PATCH: usize = 4 + 5 * 12 + 8 + 4 + 8 + 16;
 /// Rows that light is looked for with, one after the other. Where it is reflected once at least, most are at it after one.
 const CHAIN: u64 = 8;
 /// Purpose word of random bits.
@@ -35,16 +42,19 @@ pub(super) fn begin(
     keeper: &mut dyn RowKeeper,
     progress: &dyn Progress,
 ) -> Result<()> {
-    keeper.begin(rows, &|| outlook(scene, casting, lit, options, progress))?;
+    // Those are in a file that is mapped already.
+    let known = rows.blocks().iter().map(|block| block.rows.len()).sum();
+    keeper.begin(rows, &|| outlook(scene, casting, lit, known, options, progress))?;
     if keeper.spills() { Ok(()) } else { simplify::check_rows(lit.len(), options.rays, RAY_BYTES) }
 }
 
 /// What the bake will take from the rows on, if light starts at the patches `lit`: a sample of rows, evenly spaced, tells
-/// of all of them.
+/// of all of them; so many are `known`.
 fn outlook(
     scene: &Scene,
     casting: &Casting,
     lit: &[bool],
+    known: usize,
     options: &BakeOptions,
     progress: &dyn Progress,
 ) -> Result<Outlook> {
@@ -72,12 +82,29 @@ fn outlook(
         (corners, VERTICES * corners)
     };
     Ok(Outlook::new(&Sizes {
+        used: used(scene, simplified),
         patches: lit.len(),
-        row_bytes,
+        row_bytes: row_bytes * (1.0 - known as f64 / wanted.len().max(1) as f64).max(0.0),
         corners: corners as usize,
         vertices: vertices as usize,
         estimate: options.estimate,
     }))
+}
+
+/// Bytes of scene, ray tracer, patches and their direct light.
+fn used(scene: &Scene, simplified: &Simplified) -> f64 {
+    let Simplified { geometry, fragments, patches, .. } = simplified;
+    let corners = &scene.corners;
+    let of_scene = size_of_val(&scene.positions[..])
+        + size_of_val(&scene.triangles[..])
+        + size_of_val(&corners.normals[..])
+        + size_of_val(&corners.uvs[..])
+        + size_of_val(&corners.colours[..])
+        + scene.textures.iter().map(|t| size_of_val(&t.texels[..])).sum::<usize>();
+    let of_geometry = size_of_val(&geometry.positions[..]) + geometry.triangles.len() * TRACED_TRIANGLE;
+    let of_fragments = size_of_val(&fragments.uv[..]) + fragments.len() * FRAGMENT;
+    let of_patches = size_of_val(&patches.members[..]) + patches.len() * PATCH;
+    (of_scene + of_geometry + of_fragments + of_patches) as f64
 }
 
 /// What the process will take if the rows of `patches` are cast and kept, and nothing is done with them.

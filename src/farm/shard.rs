@@ -21,6 +21,7 @@ use crate::{
         write_file,
     },
     output::atomic::sweep,
+    progress::Progress,
     trace,
     transfer::{self, Block, Casting, RowKeeper, Rows},
 };
@@ -109,10 +110,12 @@ impl Plan {
         let progress = run.progress;
         let missing: Vec<u32> = own.iter().copied().filter(|&i| rows.get(i).is_none()).collect();
         journal.keeper.begin(&mut rows, &|| bake::of_rows(&casting, &missing, progress))?;
-        let mut rays = transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
-        journal.again = true;
-        let casting = Casting { again: 1, marked: false, ..casting };
-        rays += transfer::cast(&casting, &other, &[], &mut again, &mut journal, progress)?;
+        let cast = journal.cast(&casting, [&own, &other], &outline.few, [&mut rows, &mut again], progress);
+        if cast.is_err() {
+            // Nobody asks an interrupted shard twice; where the disk is full, that was the error.
+            journal.checkpoint.flush().ok();
+        }
+        let rays = cast?;
 
         let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
         let again = again.in_order(ROWS_A_BLOCK, |_| true);
@@ -224,6 +227,23 @@ struct Journal<'a> {
     again: bool,
     written: Instant,
     wait: Duration,
+}
+
+impl Journal<'_> {
+    /// Casts the rows of a shard, and those of other rays; how many rays that took.
+    fn cast(
+        &mut self,
+        casting: &Casting,
+        [own, other]: [&[u32]; 2],
+        few: &[bool],
+        [rows, again]: [&mut Rows; 2],
+        progress: &dyn Progress,
+    ) -> Result<u64> {
+        let rays = transfer::cast(casting, own, few, rows, self, progress)?;
+        self.again = true;
+        let casting = Casting { again: 1, marked: false, ..*casting };
+        Ok(rays + transfer::cast(&casting, other, &[], again, self, progress)?)
+    }
 }
 
 impl RowKeeper for Journal<'_> {
