@@ -1,8 +1,9 @@
 //! What a bake will take of the memory, once its patches are known and before its rows are cast.
 //!
 //! What the process holds by then is measured, not foretold: scene, ray-tracing structure, fragments and patches. The rest
-//! is counted, and the bytes of a row come from a sample of them. Constants are measured peaks of five scenes (see
-//! ARCHITECTURE.md), with the allocator of glibc and two threads.
+//! is counted, and the bytes of a row come from a sample of them. What the process holds without using it, beyond code and the
+//! data whose sizes are known, serves again. Bytes a patch, corner and vertex are measured peaks of some scenes, with the
+//! allocator of glibc; scenes that these were not taken from tell how well they hold (see ARCHITECTURE.md).
 
 use crate::output::report::{mapped_bytes, memory_bytes, peak_memory_bytes};
 

@@ -200,7 +200,8 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     assert!(output.status.success(), "{}", words(&output));
     let [foretold, measured] =
         ["foretold_memory_bytes", "peak_memory_bytes"].map(|name| record(&free)[name].as_f64().unwrap());
-    // Wide: a small bake is mostly what the allocator makes of it. Five scenes are measured in ARCHITECTURE.md.
+    // Chosen, not derived: what allocator and threads hold is a share of a small bake that differs between machines, but a
+    // part that was forgotten or counted twice is more. Larger scenes are measured in ARCHITECTURE.md.
     assert!((0.6..1.6).contains(&(foretold / measured)), "{foretold} foretold, {measured} measured");
 
     // All of it but a quarter of the form factors: what was freed before holds some of them too.
