@@ -6,10 +6,10 @@ use crate::{
     BakeOptions, Error, Result, Scene, estimate,
     light::{Census, LampPower, LightSet},
     options::Primary,
-    progress::Progress,
+    progress::{Hushed, Progress},
     report::Report,
     trace::Hit,
-    transfer::RowKeeper,
+    transfer::{self, Casting, RowKeeper},
 };
 
 mod exchange;
@@ -27,6 +27,7 @@ mod vertices;
 pub(crate) use exchange::is_balanced;
 pub use finished::{Bake, Irradiance, PatchLight};
 pub use outline::{Outline, outline};
+pub(crate) use outlook::of_rows;
 pub use prepared::Kept;
 pub(crate) use prepared::ROWS_A_BLOCK;
 pub(crate) use relit::RelitLight;
@@ -190,6 +191,13 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices")?;
 
+    if options.estimate && kept.marked {
+        // Bakes with other lights take them from what is kept.
+        let has_row = |i: &u32| bake.form_factors.has_row(*i as usize);
+        let again: Vec<u32> = estimate::again(bake.patches().len(), options.seed).into_iter().filter(has_row).collect();
+        let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], &points) };
+        transfer::cast(&casting, &again, &[], &mut kept.again, &mut (), &Hushed(progress))?;
+    }
     let error = options.estimate.then(|| estimate::estimate(scene, &bake, &points, &kept.again));
     if error.is_some() {
         clock.stop("estimate")?;

@@ -95,6 +95,7 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
     let rays = patches as u64 * options.rays as u64;
     let row_bytes = options.rays as f64 * RAY_BYTES;
     let sizes = Sizes {
+        used: 0.0,
         patches,
         row_bytes: patches as f64 * row_bytes,
         corners: (fragments as f64 * CORNERS) as usize,

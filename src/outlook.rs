@@ -1,11 +1,12 @@
 //! What a bake will take of the memory, once its patches are known and before its rows are cast.
 //!
 //! What the process holds by then is measured, not foretold: scene, ray-tracing structure, fragments and patches. The rest
-//! is counted, and the bytes of a row come from a sample of them. Constants are measured peaks of five scenes (see
-//! ARCHITECTURE.md), with the allocator of glibc and two threads.
+//! is counted, and the bytes of a row come from a sample of them. What the process holds without using it, beyond code and the
+//! data whose sizes are known, serves again. Bytes a patch, corner and vertex are measured peaks of some scenes, with the
+//! allocator of glibc; scenes that these were not taken from tell how well they hold (see ARCHITECTURE.md).
 
 use crate::{
-    output::report::{memory_bytes, peak_memory_bytes},
+    output::report::{mapped_bytes, memory_bytes, peak_memory_bytes},
     solve::UNPACKED_PATCH,
 };
 
@@ -31,6 +32,8 @@ pub struct Outlook {
 /// What an outlook is made from.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sizes {
+    /// Bytes of what is there by now and stays.
+    pub used: f64,
     pub patches: usize,
     /// Bytes of all rows together.
     pub row_bytes: f64,
@@ -52,15 +55,18 @@ const VERTEX: f64 = 235.0;
 const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
 const ESTIMATED_PATCH: f64 = 180.0;
-/// What the rays of the patches' direct light leave to be used again, and what all before did as a share.
-const REUSED: f64 = 16e6;
-const REUSED_SHARE: f64 = 0.1;
+/// Share of what the process holds without using it that serves again: the rest lies in pieces.
+const REUSED: f64 = 0.85;
+/// Foretold before there is anything: what the rays of the patches' direct light leave to be used again, and what all before
+/// did as a share.
+const LEFT: f64 = 16e6;
+const LEFT_SHARE: f64 = 0.1;
 /// Bytes a pixel while pictures are written.
 const PIXEL: f64 = 250.0;
 
 impl Outlook {
     pub(crate) fn new(sizes: &Sizes) -> Outlook {
-        let Sizes { patches, row_bytes, corners, vertices, estimate } = *sizes;
+        let Sizes { used, patches, row_bytes, corners, vertices, estimate } = *sizes;
         let (held, peak) = (memory_bytes(), peak_memory_bytes());
         let solved = patches as f64 * SOLVED_PATCH;
         let meshed = vertices as f64 * VERTEX;
@@ -69,7 +75,7 @@ impl Outlook {
         let rest = solved + (meshed + estimated).max(corners as f64 * CORNER);
         let unpacks = row_bytes <= patches as f64 * UNPACKED_PATCH as f64;
         let solving = solved + if unpacks { UNPACKED * row_bytes } else { 0.0 };
-        let reused = REUSED + REUSED_SHARE * held as f64;
+        let reused = REUSED * (held.saturating_sub(mapped_bytes()) as f64 - used).max(0.0);
         Outlook {
             held,
             peak,
@@ -81,10 +87,16 @@ impl Outlook {
         }
     }
 
+    /// Of a process that holds rows and does nothing with them.
+    pub(crate) fn of_rows(row_bytes: f64) -> Outlook {
+        let (held, peak) = (memory_bytes(), peak_memory_bytes());
+        Outlook { held, peak, rows: row_bytes as u64, ..Outlook::default() }
+    }
+
     /// As it will be when the process holds so many bytes more.
     pub(crate) fn after(self, more: f64) -> Outlook {
         let held = self.held + more as u64;
-        Outlook { held, peak: self.peak.max(held), reused: (REUSED + REUSED_SHARE * held as f64) as u64, ..self }
+        Outlook { held, peak: self.peak.max(held), reused: (LEFT + LEFT_SHARE * held as f64) as u64, ..self }
     }
 
     /// The largest memory of the process, if pictures of so many pixels are made at last; without the rows if they are
@@ -124,7 +136,7 @@ mod tests {
 
     #[test]
     fn an_outlook_grows_with_everything_it_counts() {
-        let sizes = Sizes { patches: 1000, row_bytes: 1e6, corners: 4000, vertices: 1000, estimate: false };
+        let sizes = Sizes { used: 1e12, patches: 1000, row_bytes: 1e6, corners: 4000, vertices: 1000, estimate: false };
         let most = |sizes: Sizes| {
             let outlook = Outlook::new(&sizes);
             (outlook.rows + outlook.rest, outlook.lasting)

@@ -4,12 +4,17 @@ use std::{
     fs,
     path::{Path, PathBuf},
     process::{Command, Output},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use luxel::{
+    Error, Result,
+    bake::Run,
     farm::{Cast, Plan},
     lxt::{Container, Name, Writer},
-    progress::Silent,
+    outlook::Outlook,
+    progress::{Progress, Silent},
+    transfer::{Block, RowKeeper, Rows, Spill},
 };
 use tempfile::TempDir;
 
@@ -54,7 +59,11 @@ fn shard(place: &Path, k: &str) -> Command {
 fn cast(place: &Path, shards: impl IntoIterator<Item = usize>, threads: usize) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     for k in shards {
-        let cast = pool.install(|| Plan::open(place).unwrap().cast(k, &Silent)).unwrap();
+        let cast = || {
+            let mut run = Run { progress: &Silent, keeper: &mut (), deadline: None };
+            Plan::open(place).unwrap().cast(k, &mut run).unwrap()
+        };
+        let cast = pool.install(cast);
         assert!(matches!(cast, Cast::Now { resumed: 0, .. }), "{k}: {cast:?}");
     }
 }
@@ -165,6 +174,88 @@ fn a_shard_that_is_done_or_not_there_is_nothing_to_do() {
     let status: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(status["totals"]["done"], 2);
     assert_eq!(status["rows"], status["rows_done"]);
+}
+
+/// Moves rows to a file, and asks what they will take.
+struct Elsewhere {
+    spill: Spill,
+    foretold: u64,
+}
+
+impl RowKeeper for Elsewhere {
+    fn begin(&mut self, _: &mut Rows, outlook: &dyn Fn() -> Result<Outlook>) -> Result<()> {
+        outlook().map(|outlook| self.foretold = outlook.rows)
+    }
+
+    fn spills(&self) -> bool {
+        true
+    }
+
+    fn keep(&mut self, block: Block) -> Result<Block> {
+        self.spill.put(block)
+    }
+}
+
+#[test]
+fn rows_of_a_shard_may_leave_the_memory_and_what_no_memory_holds_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("plan");
+    plan(&place, "4", &["--no-estimate"]);
+    let limited = |command: &mut Command| ends(command.args(["--memory-limit", "2M"]), 1);
+    let said = limited(&mut shard(&place, "0"));
+    assert!(said.contains("the shard would take ") && said.contains("make a plan of more shards"), "{said}");
+    assert!(!place.join("shard-0.lxt").exists());
+
+    cast(&place, [1], 2);
+    let whole = fs::read(place.join("shard-1.lxt")).unwrap();
+    fs::remove_file(place.join("shard-1.lxt")).unwrap();
+    let mut keeper = Elsewhere { spill: Spill::new(folder.path()).unwrap(), foretold: 0 };
+    Plan::open(&place).unwrap().cast(1, &mut Run { progress: &Silent, keeper: &mut keeper, deadline: None }).unwrap();
+    assert!(fs::read(place.join("shard-1.lxt")).unwrap() == whole);
+    // There are fewer rows than a sample has: all of them are in it.
+    assert_eq!(keeper.foretold, keeper.spill.size_in_bytes());
+
+    cast(&place, [0, 2, 3], 2);
+    assert!(limited(&mut merge(&place, &folder.path().join("merged.lxt"))).contains("the bake would take "));
+    assert!(limited(&mut merge(&place, &folder.path().join("merged"))).contains("the bake would take "));
+    let mut other = luxel();
+    other
+        .args(["farm", "plan"])
+        .arg(cornell())
+        .args(QUICK)
+        .args(["--shards", "2", "-o"])
+        .arg(folder.path().join("other"));
+    assert!(limited(&mut other).contains("the bake would take "));
+}
+
+/// Wants no more once anything is done.
+#[derive(Default)]
+struct Once(AtomicBool);
+
+impl Progress for Once {
+    fn begin(&self, _: &str, _: u64) {}
+
+    fn end(&self) {}
+
+    fn advance(&self, _: u64) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    fn stopped(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+#[test]
+fn a_shard_that_is_interrupted_at_once_keeps_what_it_has_cast() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("plan");
+    plan(&place, "2", &[]);
+    let plan = Plan::open(&place).unwrap();
+    let cast = |progress: &dyn Progress| plan.cast(0, &mut Run { progress, keeper: &mut (), deadline: None });
+    assert!(matches!(cast(&Once::default()), Err(Error::Interrupted(_))));
+    let resumed = cast(&Silent).unwrap();
+    assert!(matches!(resumed, Cast::Now { resumed: 1.., .. }), "{resumed:?}");
 }
 
 #[test]
@@ -324,7 +415,7 @@ mod interrupted {
         let mut child = begun(&place, &checkpoint);
 
         // Whoever comes second is told who was first.
-        let said = ends(&mut shard(&place, "0"), 1);
+        let said = ends(&mut shard(&place, "0"), 75);
         assert!(said.contains(&format!("in use by luxel farm shard 0, process {} on ", child.id())), "{said}");
         let said = ends(luxel().args(["farm", "status"]).arg(&place), 0);
         assert!(said.contains("1 running") && said.contains(&format!("process {}", child.id())), "{said}");

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Kept, Run, check, measure::Clock, prepared::Prepared};
-use crate::{BakeOptions, Result, Scene, transfer};
+use super::{Kept, Run, check, measure::Clock, outlook, prepared::Prepared};
+use crate::{BakeOptions, Result, Scene, outlook::Outlook, transfer};
 
 /// How the rows of [`prepare`](super::prepare) are cast, besides patches and options. Lists are by patch; empty ones hold
 /// for no patch.
@@ -35,8 +35,12 @@ pub fn outline(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
     if let Some([_, near]) = &needs.near {
         let plan = needs.plan(near);
         let casting = prepared.casting(true);
+        let own: Vec<u32> = (0..).zip(near).filter(|(_, near)| **near).map(|(i, _)| i).collect();
+        run.keeper.begin(&mut kept.rows, &|| outlook::of_rows(&casting, &own, run.progress))?;
         few = transfer::first_wave(&casting, &plan, &mut kept.rows, run.keeper, run.progress)?;
         spared = near.iter().zip(plan.black).map(|(near, black)| near | black).collect();
+    } else {
+        run.keeper.begin(&mut kept.rows, &|| Ok(Outlook::of_rows(0.0)))?;
     }
     let outer = needs.outer.clone();
     kept.simplified = Some(prepared.simplified);

@@ -13,7 +13,9 @@ use serde_json::json;
 
 use super::{
     args::{BakeArgs, Running, on_threads},
+    keeper::{Memory, SHARD},
     parse,
+    prepare::folder_of,
     progress::{Style, Terminal},
     results::Results,
     say, signals,
@@ -49,6 +51,8 @@ struct PlanArgs {
     #[command(flatten)]
     division: Shards,
     #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
     bake: BakeArgs,
 }
 
@@ -76,6 +80,8 @@ struct ShardArgs {
     #[arg(long, value_name = "VARIABLE", conflicts_with = "number")]
     index: Option<String>,
     #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
     running: Running,
 }
 
@@ -96,6 +102,8 @@ struct MergeArgs {
     plan: PathBuf,
     #[command(flatten)]
     results: Results,
+    #[command(flatten)]
+    memory: Memory,
     #[command(flatten)]
     running: Running,
 }
@@ -124,7 +132,8 @@ fn plan(args: &PlanArgs) -> Result<()> {
         (None, seconds) => Division::Seconds(seconds.unwrap_or(f64::INFINITY)),
     };
     let plan = job.on_threads(|| {
-        let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+        let mut keeper = args.memory.keeper(&args.output, 0);
+        let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
         Plan::make(&args.output, &source, &job.scene, &job.options, division, &mut run)
     })?;
     let shards = plan.shards();
@@ -162,7 +171,9 @@ fn shard(args: &ShardArgs) -> Result<()> {
     signals::set_remedy(format!("the rows that were cast are kept; go on with: luxel farm shard {place} {k}"));
     let (cast, count) = on_threads(args.running.threads, || {
         let plan = Plan::open(&args.plan)?;
-        Ok((plan.cast(k, &progress)?, plan.shards().len()))
+        let mut keeper = args.memory.keeper_of(SHARD, &args.plan, 0);
+        let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
+        Ok((plan.cast(k, &mut run)?, plan.shards().len()))
     })?;
     let seconds = begun.elapsed().as_secs_f64();
     let (state, text, rays, resumed) = match cast {
@@ -232,11 +243,9 @@ fn merge(args: &MergeArgs) -> Result<()> {
         Transfer::check_place(place)?;
         on_threads(running.threads, || {
             let plan = Plan::open(&args.plan)?;
-            let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
-            let mut kept = plan.merge()?;
-            let (source, scene) = (plan.source()?, plan.scene()?);
-            bake::prepare(&scene, plan.options(), &mut kept, &mut run)?;
-            Transfer::write(place, &source, &scene, plan.options(), &kept)
+            let mut keeper = args.memory.keeper(folder_of(place), 0);
+            let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
+            plan.merge_to_file(place, &mut run)
         })?;
         if !running.quiet && !running.json_progress {
             say(&format!("{:<14}{}\n", "written to", place.display()));
@@ -246,10 +255,12 @@ fn merge(args: &MergeArgs) -> Result<()> {
     let staged = args.results.open()?;
     let (scene, bake) = on_threads(running.threads, || {
         let plan = Plan::open(&args.plan)?;
-        let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+        let mut keeper = args.memory.keeper(args.results.folder(), args.results.pixels());
+        let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
         let mut kept = plan.merge()?;
         let scene = plan.scene()?;
         let mut bake = bake::bake_with(&scene, plan.options(), &mut kept, &mut run)?;
+        keeper.tell(&mut bake);
         bake.report.rows.from = Some(args.plan.display().to_string());
         args.results.write(&scene, &mut bake, staged, &progress)?;
         Ok((scene, bake))

@@ -31,10 +31,38 @@ pub struct Memory {
 impl Memory {
     /// A keeper that minds the limit, for a command that writes to `folder` and makes pictures of so many pixels.
     pub fn keeper(&self, folder: &Path, pixels: u64) -> Keeper {
+        self.keeper_of(WHOLE, folder, pixels)
+    }
+
+    /// As [`Memory::keeper`], of another work.
+    pub fn keeper_of(&self, wording: Wording, folder: &Path, pixels: u64) -> Keeper {
         let folder = self.spill_dir.clone().unwrap_or(folder.into());
-        Keeper { limit: self.memory_limit, folder, pixels, ..Keeper::default() }
+        Keeper {
+            limit: self.memory_limit,
+            wording,
+            folder,
+            pixels,
+            foretold: None,
+            spill: None,
+            checkpoint: None,
+            resume: false,
+            resumed: 0,
+            warning: None,
+        }
     }
 }
+
+/// What the messages of a keeper call the work, and how it would take less.
+#[derive(Clone, Copy)]
+pub struct Wording {
+    work: &'static str,
+    remedy: &'static str,
+}
+
+/// Of the whole of a bake.
+pub const WHOLE: Wording = Wording { work: "the bake", remedy: "choose a larger --voxel (a smaller --grid)" };
+/// Of a part of it.
+pub const SHARD: Wording = Wording { work: "the shard", remedy: "make a plan of more shards" };
 
 /// Whether form factors are written down while they are cast.
 #[derive(clap::Args, Debug)]
@@ -70,9 +98,9 @@ impl Resume {
 }
 
 /// Minds the memory, and writes rows down.
-#[derive(Default)]
 pub struct Keeper {
     limit: Option<u64>,
+    wording: Wording,
     /// Where rows are spilled to.
     folder: PathBuf,
     pixels: u64,
@@ -120,10 +148,11 @@ impl Keeper {
             return Ok(());
         }
         let mb = |bytes: u64| bytes as f64 * 1e-6;
+        let Wording { work, remedy } = self.wording;
         if spilled > limit {
             return Err(Error::Option(format!(
-                "the bake would take {:.0} MB of memory, {:.0} MB with its form factors ({:.0} MB) on the disk, and \
-                 --memory-limit allows {:.0} MB; choose a larger --voxel (a smaller --grid), or allow more",
+                "{work} would take {:.0} MB of memory, {:.0} MB with its form factors ({:.0} MB) on the disk, and \
+                 --memory-limit allows {:.0} MB; {remedy}, or allow more",
                 mb(whole),
                 mb(spilled),
                 mb(outlook.rows),
@@ -133,9 +162,9 @@ impl Keeper {
         let room = fs4::available_space(&self.folder).map_err(|e| Error::io(&self.folder, e))?;
         if room < outlook.rows {
             return Err(Error::Option(format!(
-                "the bake would take {:.0} MB of memory, and --memory-limit allows {:.0} MB; its form factors ({:.0} MB) \
-                 do not fit the disk of {} either, which has room for {:.0} MB; choose another --spill-dir, fewer \
-                 --rays, or a larger --voxel",
+                "{work} would take {:.0} MB of memory, and --memory-limit allows {:.0} MB; its form factors ({:.0} MB) \
+                 do not fit the disk of {} either, which has room for {:.0} MB; choose another --spill-dir, or \
+                 {remedy}",
                 mb(whole),
                 mb(limit),
                 mb(outlook.rows),

@@ -31,7 +31,7 @@ mod signals;
 /// Bakes diffuse global illumination on the CPU: radiosity on automatically simplified geometry.
 ///
 /// Exit codes: 0 done, 1 wrong input or a bake that failed, 2 wrong usage, 3 a figure is worse than asked or shards
-/// are not there to be merged, 101 a bug of luxel, 130 and 143 ended by SIGINT and SIGTERM.
+/// are not there to be merged, 75 another process works there, 101 a bug of luxel, 130 and 143 ended by SIGINT and SIGTERM.
 #[derive(Parser, Debug)]
 #[command(name = "luxel", version, max_term_width = 100)]
 struct Cli {
@@ -66,6 +66,9 @@ enum Command {
 /// Exit code where all was done, and a figure is worse than asked; and where shards are not there to be merged.
 const WORSE: u8 = 3;
 
+/// Exit code where another process works on the same folder or shard: EX_TEMPFAIL of sysexits.h, "try again later".
+const BUSY: u8 = 75;
+
 /// Exit code of a bug, as of any panic of a Rust program.
 const BUG: u8 = 101;
 
@@ -99,7 +102,11 @@ pub fn main() -> ExitCode {
                 return ExitCode::from(signals::code(signal));
             }
             complain(&error.to_string());
-            if matches!(error, Error::Shards { .. }) { ExitCode::from(WORSE) } else { ExitCode::FAILURE }
+            match error {
+                Error::Shards { .. } => ExitCode::from(WORSE),
+                Error::Busy { .. } => ExitCode::from(BUSY),
+                _ => ExitCode::FAILURE,
+            }
         }
         Err(_) => {
             let words = last_words.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone();

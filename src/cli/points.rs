@@ -9,7 +9,8 @@ use std::{
 use glam::{DVec3, Vec3};
 use luxel::{
     Error, Result,
-    bake::Irradiance,
+    bake::{Irradiance, Run},
+    lxt::Cache,
     output::{atomic::Staged, report::summary},
     progress,
     scene::{Frame, SurfacePoint},
@@ -29,6 +30,9 @@ pub struct Args {
     /// CSV file to write, irradiance in W/m2
     #[arg(long, short, value_name = "OUT.csv")]
     output: PathBuf,
+    /// Folder of rows from earlier bakes: see `luxel bake`
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["target_error", "budget"])]
+    cache: Option<PathBuf>,
     #[command(flatten)]
     goals: Goals,
     #[command(flatten)]
@@ -55,11 +59,18 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = &job.scene;
     let goal = args.bake.goal(&args.goals);
     let (folder, name) = split(&args.output)?;
+    let cache = args.cache.as_deref().map(Cache::open).transpose()?;
     let mut staged = Staged::open(folder)?;
     let running = &args.bake.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let (bake, light) = job.on_threads(|| {
-        let bake = luxel::bake_to(scene, &job.options, &goal, &progress)?;
+        let bake = match &cache {
+            Some(cache) => {
+                let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
+                cache.bake(scene, &job.options, &mut run)?
+            }
+            None => luxel::bake_to(scene, &job.options, &goal, &progress)?,
+        };
         let light = bake.irradiance(&points.iter().map(|p| p.local(&scene.frame)).collect::<Vec<_>>(), &progress);
         progress::go_on(&progress, "points")?;
         Ok((bake, light))

@@ -38,8 +38,7 @@ pub fn run(args: &Args) -> Result<()> {
     Transfer::check_place(&args.output)?;
     let (rays, rows, patches) = job.on_threads(|| {
         let mut kept = Kept::default();
-        let folder = args.output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut keeper = args.memory.keeper(folder, 0);
+        let mut keeper = args.memory.keeper(folder_of(&args.output), 0);
         let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
         let rays = bake::prepare(&job.scene, &job.options, &mut kept, &mut run)?;
         Transfer::write(&args.output, &source, &job.scene, &job.options, &kept)?;
@@ -58,4 +57,9 @@ pub fn run(args: &Args) -> Result<()> {
         line("written to", format!("{}, {} MB", args.output.display(), size / 1_000_000));
     }
     Ok(())
+}
+
+/// The folder of a file.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

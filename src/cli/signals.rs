@@ -1,4 +1,7 @@
-//! Signals: the first SIGTERM or SIGINT asks the work to end, the second ends the process at once.
+//! Signals: the first SIGTERM or SIGINT asks the work to end, a second SIGINT ends the process at once.
+//!
+//! A second SIGTERM does nothing: schedulers send it again and again, to every process of a job and to its group, and mean
+//! no more by it than by the first. Who presses Ctrl-C twice does not want to wait.
 //!
 //! What works in blocks asks [`caught`] between them, through [`Terminal`](super::progress::Terminal), and ends in
 //! order: temporary files are removed, rows are in the checkpoint. What takes longer (the build of a large tree, one huge
@@ -38,11 +41,9 @@ static REMEDY: Mutex<String> = Mutex::new(String::new());
 pub fn install() -> io::Result<()> {
     static AGAIN: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     let again = AGAIN.get_or_init(Arc::default);
-    for signal in [SIGTERM, SIGINT] {
-        // In this order: the first signal finds the flag down and raises it, the second finds it up.
-        flag::register_conditional_shutdown(signal, code(signal).into(), Arc::clone(again))?;
-        flag::register(signal, Arc::clone(again))?;
-    }
+    // In this order: the first SIGINT finds the flag down and raises it, the second finds it up.
+    flag::register_conditional_shutdown(SIGINT, code(SIGINT).into(), Arc::clone(again))?;
+    flag::register(SIGINT, Arc::clone(again))?;
     #[cfg(unix)]
     watch()?;
     Ok(())

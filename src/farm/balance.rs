@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::{
     bake::ROWS_A_BLOCK,
-    transfer::{self, Casting},
+    transfer::{self, Casting, TIMED},
 };
 
 /// Into how many shards work is divided.
@@ -19,19 +19,26 @@ pub enum Division {
 /// Most shards of a plan.
 pub const MOST_SHARDS: usize = 1_000_000;
 
-/// Rows that are timed to foresee how long all take.
-const SAMPLE: usize = 256;
+/// Rays of a row that is timed, at most: in a long row a ray takes nearly as long.
+pub const SAMPLE_RAYS: u32 = 256;
+/// Rows that are timed: this share of all rays, within these bounds.
+const SHARE: f64 = 0.005;
+const LEAST: usize = 32;
+const MOST: usize = 256;
 /// Seconds for a row without rays.
 const EMPTY_ROW: f64 = 1e-7;
 
-/// Foreseen seconds of one thread for each block of successive patches; `rays` is how many are cast of a patch.
+/// Foreseen seconds of one thread for each block of successive patches; `rays` is how many are cast of a patch, and `casting`
+/// is how rows are timed: they need not be as long.
 pub fn costs(casting: &Casting, rays: impl Fn(u32) -> u32) -> Vec<f64> {
     let n = casting.simplified.patches.len() as u32;
     let blocks: Vec<Range<u32>> =
         (0..n).step_by(ROWS_A_BLOCK).map(|first| first..n.min(first + ROWS_A_BLOCK as u32)).collect();
     let cast: Vec<u64> = blocks.iter().map(|block| block.clone().map(|i| rays(i) as u64).sum()).collect();
     // In each stretch of blocks the middle one of the patches that cast rays stands for all.
-    let stretch = blocks.len().div_ceil(SAMPLE).max(1);
+    let all = cast.iter().sum::<u64>() as f64;
+    let count = (SHARE * all / (TIMED * casting.points.rays()) as f64) as usize;
+    let stretch = blocks.len().div_ceil(count.clamp(LEAST, MOST)).max(1);
     let sample: Vec<Option<u32>> = blocks
         .chunks(stretch)
         .map(|blocks| {

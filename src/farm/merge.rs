@@ -1,12 +1,17 @@
 //! All shards together.
 
+use std::path::Path;
+
 use rayon::prelude::*;
 
 use super::Plan;
 use crate::{
     Error, Result, Scene,
-    bake::Kept,
-    lxt::rows::{self, ROWS},
+    bake::{self, Kept, Run},
+    lxt::{
+        Transfer,
+        rows::{self, Entries, ROWS},
+    },
     transfer::Rows,
 };
 
@@ -28,17 +33,36 @@ impl Plan {
     /// # Errors
     /// [`Error::Shards`] naming those that are missing or cannot be used; [`Error::Input`] if the plan is damaged.
     pub fn merge(&self) -> Result<Kept> {
+        self.gather(Entries::Checked)
+    }
+
+    /// Writes the transfer file that [`prepare`](bake::prepare) and [`Transfer::write`] make of the scene: rows are copied
+    /// from the shards, after a look at their checksums.
+    ///
+    /// # Errors
+    /// Those of [`Plan::merge`] and [`Transfer::write`].
+    pub fn merge_to_file(&self, path: &Path, run: &mut Run) -> Result<()> {
+        // What matters to the wanted meshes is in the rows, else nobody reads them here.
+        let entries = if self.options().only.is_empty() { Entries::Copied } else { Entries::Checked };
+        let mut kept = self.gather(entries)?;
+        let source = self.source()?;
+        let scene = source.clone().build()?;
+        bake::prepare(&scene, self.options(), &mut kept, run)?;
+        Transfer::write(path, &source, &scene, self.options(), &kept)
+    }
+
+    fn gather(&self, entries: Entries) -> Result<Kept> {
         let patches = self.patches();
         let outline = self.outline()?;
-        let read: Vec<_> = (0..self.shards().len()).into_par_iter().map(|k| self.shard(k, &outline)).collect();
-        let mut rows: Rows = rows::read_all(&self.file, ROWS, patches)?;
+        let read: Vec<_> = (0..self.shards().len()).into_par_iter().map(|k| self.shard(k, &outline, entries)).collect();
+        let mut rows: Rows = rows::read_all(&self.file, ROWS, patches, entries)?;
         let mut again = Rows::new(patches);
         let mut flaws = Vec::new();
         for (k, shard) in read.into_iter().enumerate() {
             match shard {
                 Ok(shard) => {
-                    shard.rows.blocks().iter().for_each(|block| rows.add(block.clone()));
-                    shard.again.blocks().iter().for_each(|block| again.add(block.clone()));
+                    shard.rows.into_iter().for_each(|block| rows.add(block));
+                    shard.again.into_iter().for_each(|block| again.add(block));
                 }
                 Err(error) => flaws.push((k, error)),
             }

@@ -3,13 +3,14 @@
 use std::{
     ops::Range,
     path::{Path, PathBuf},
+    sync::OnceLock,
 };
 
 use serde::{Deserialize, Serialize};
 
 use super::{
     Division,
-    balance::{self, MOST_SHARDS},
+    balance::{self, MOST_SHARDS, SAMPLE_RAYS},
 };
 use crate::{
     BakeOptions, Error, Result, Scene,
@@ -42,6 +43,8 @@ pub struct Plan {
     identity: Identity,
     options: BakeOptions,
     shards: Vec<Part>,
+    /// Patches with rows of other rays, once somebody asks.
+    again: OnceLock<Vec<u32>>,
 }
 
 /// The work of one shard.
@@ -123,7 +126,7 @@ impl Plan {
             }
             end = patches.end;
         }
-        Ok(Plan { folder: folder.into(), file, identity, options, shards })
+        Ok(Plan { folder: folder.into(), file, identity, options, shards, again: OnceLock::new() })
     }
 
     /// The folder.
@@ -190,15 +193,19 @@ impl Plan {
         let range = self.shards[k].patches.clone();
         let is_spared = |i: &u32| outline.spared.get(*i as usize).is_some_and(|&spared| spared);
         let rows = range.clone().filter(|i| !is_spared(i)).collect();
-        let again = if self.options.estimate { estimate::again(self.patches(), self.options.seed) } else { Vec::new() };
-        (rows, again.into_iter().filter(|i| range.contains(i)).collect())
+        let again = self.again.get_or_init(|| match self.options.estimate {
+            true => estimate::again(self.patches(), self.options.seed),
+            false => Vec::new(),
+        });
+        let at = |patch: u32| again.partition_point(|&i| i < patch);
+        (rows, again[at(range.start)..at(range.end)].to_vec())
     }
 }
 
 /// The work of each shard.
 fn divided(simplified: &Simplified, outline: &Outline, options: &BakeOptions, division: Division) -> Result<Vec<Part>> {
     let tracer = trace::build(options.backend, &simplified.geometry)?;
-    let points = RowPoints::new(options.rays, options.seed, &*tracer);
+    let points = RowPoints::new(options.rays.min(SAMPLE_RAYS), options.seed, &*tracer);
     let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, &points) };
     let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
     let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {

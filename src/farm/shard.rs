@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 use super::Plan;
 use crate::{
     Error, Result,
-    bake::{Outline, ROWS_A_BLOCK},
+    bake::{self, Outline, ROWS_A_BLOCK, Run},
     lock::Lock,
     lxt::{
         Checkpoint, Container, Identity, Name,
-        rows::{self, AGAIN, ROWS},
+        rows::{self, AGAIN, Entries, ROWS},
         write_file,
     },
     output::atomic::sweep,
@@ -36,7 +36,7 @@ const PAUSE: Duration = Duration::from_millis(30);
 
 /// From the beginning until rows are written down, and between two times at last. In between the times double, so that what
 /// a kill costs is a few seconds, and half of the work at most.
-const FIRST: Duration = Duration::from_millis(250);
+const FIRST: Duration = Duration::from_millis(500);
 const LAST: Duration = Duration::from_secs(8);
 
 /// What came of the order to cast a shard.
@@ -66,10 +66,10 @@ struct Settings {
     options: BTreeMap<String, String>,
 }
 
-/// The rows of a shard.
+/// The rows of a shard, in blocks: an index of all patches for each of many shards would take more than these.
 pub(super) struct Shard {
-    pub rows: Rows,
-    pub again: Rows,
+    pub rows: Vec<Block>,
+    pub again: Vec<Block>,
 }
 
 impl Plan {
@@ -77,19 +77,19 @@ impl Plan {
     /// nothing is built but the patches and the surfaces that rays meet.
     ///
     /// # Errors
-    /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if `progress` asks to stop, [`Error::Io`];
-    /// [`Error::Input`] if the plan is damaged.
-    pub fn cast(&self, k: usize, progress: &dyn Progress) -> Result<Cast> {
+    /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if the progress of `run` asks to stop,
+    /// [`Error::Io`]; [`Error::Input`] if the plan is damaged; those of the keeper of `run`.
+    pub fn cast(&self, k: usize, run: &mut Run) -> Result<Cast> {
         if k >= self.shards().len() {
             return Ok(Cast::Beyond);
         }
         let outline = self.outline()?;
-        if self.shard(k, &outline).is_ok() {
+        if self.shard(k, &outline, Entries::Copied).is_ok() {
             return Ok(Cast::Before);
         }
         let _lock = self.lock(k)?;
         // Its last holder may have finished it.
-        if self.shard(k, &outline).is_ok() {
+        if self.shard(k, &outline, Entries::Copied).is_ok() {
             return Ok(Cast::Before);
         }
         sweep(self.folder(), &format!("shard-{k}.lxt"));
@@ -101,16 +101,22 @@ impl Plan {
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
         let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;
-        let mut journal = Journal { checkpoint, again: false, written: Instant::now(), wait: FIRST };
+        let keeper = &mut *run.keeper;
+        let mut journal = Journal { keeper, checkpoint, again: false, written: Instant::now(), wait: FIRST };
         if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
             // It is of something else; nobody asked for it to be used.
             journal.checkpoint.discard()?;
         }
         let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
-        let mut rays = transfer::cast(&casting, &own, &outline.few, &mut rows, &mut journal, progress)?;
-        journal.again = true;
-        let casting = Casting { again: 1, marked: false, ..casting };
-        rays += transfer::cast(&casting, &other, &[], &mut again, &mut journal, progress)?;
+        let progress = run.progress;
+        let missing: Vec<u32> = own.iter().copied().filter(|&i| rows.get(i).is_none()).collect();
+        journal.keeper.begin(&mut rows, &|| bake::of_rows(&casting, &missing, progress))?;
+        let cast = journal.cast(&casting, [&own, &other], &outline.few, [&mut rows, &mut again], progress);
+        if cast.is_err() {
+            // Nobody asks an interrupted shard twice; where the disk is full, that was the error.
+            journal.checkpoint.flush().ok();
+        }
+        let rays = cast?;
 
         let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
         let again = again.in_order(ROWS_A_BLOCK, |_| true);
@@ -125,7 +131,7 @@ impl Plan {
     }
 
     /// The rows of shard `k`, if all of them are there and sound.
-    pub(super) fn shard(&self, k: usize, outline: &Outline) -> Result<Shard> {
+    pub(super) fn shard(&self, k: usize, outline: &Outline, entries: Entries) -> Result<Shard> {
         let (path, patches) = (self.shard_path(k), self.patches());
         let file = Container::open(&path, SHARD)?;
         let wrong = |what: String| Error::input(&path, "", what);
@@ -141,13 +147,12 @@ impl Plan {
             return Err(wrong(difference));
         }
         file.verify()?;
-        let shard =
-            Shard { rows: rows::read_all(&file, ROWS, patches)?, again: rows::read_all(&file, AGAIN, patches)? };
+        let read = |kind: Name| rows::read_blocks(&file, kind, patches, entries);
+        let shard = Shard { rows: read(ROWS)?, again: read(AGAIN)? };
         let (own, other) = self.rows_of(k, outline);
         let rays = self.options().rays;
         let few = |i: u32| outline.few.get(i as usize).is_some_and(|&few| few);
-        let is_there = |i: &u32| shard.rows.with_rays(*i, transfer::row_length(rays, few(*i)) as usize).is_some();
-        let all = own.iter().all(is_there) && other.iter().all(|&i| shard.again.with_rays(i, rays as usize).is_some());
+        let all = has(&shard.rows, &own, |i| transfer::row_length(rays, few(i))) && has(&shard.again, &other, |_| rays);
         if all { Ok(shard) } else { Err(wrong("lacks rows".into())) }
     }
 
@@ -189,6 +194,13 @@ impl Plan {
     }
 }
 
+/// Whether `blocks` have rows of all `patches`, of so many rays.
+fn has(blocks: &[Block], patches: &[u32], rays: impl Fn(u32) -> u32) -> bool {
+    let mut there: Vec<(u32, u32)> = blocks.iter().flat_map(|b| &b.rows).map(|row| (row.patch, row.rays())).collect();
+    there.sort_unstable();
+    patches.iter().all(|&i| there.binary_search(&(i, rays(i))).is_ok())
+}
+
 impl Settings {
     /// Names what differs, e.g. `rays 256 there, 64 here`; `None` if nothing does.
     fn difference(&self, here: &Settings) -> Option<String> {
@@ -208,7 +220,9 @@ impl Settings {
 }
 
 /// Writes down what is cast.
-struct Journal {
+struct Journal<'a> {
+    /// Where rows stay.
+    keeper: &'a mut dyn RowKeeper,
     checkpoint: Checkpoint,
     /// Whether rows of other rays come.
     again: bool,
@@ -216,8 +230,26 @@ struct Journal {
     wait: Duration,
 }
 
-impl RowKeeper for Journal {
+impl Journal<'_> {
+    /// Casts the rows of a shard, and those of other rays; how many rays that took.
+    fn cast(
+        &mut self,
+        casting: &Casting,
+        [own, other]: [&[u32]; 2],
+        few: &[bool],
+        [rows, again]: [&mut Rows; 2],
+        progress: &dyn Progress,
+    ) -> Result<u64> {
+        let rays = transfer::cast(casting, own, few, rows, self, progress)?;
+        self.again = true;
+        let casting = Casting { again: 1, marked: false, ..*casting };
+        Ok(rays + transfer::cast(&casting, other, &[], again, self, progress)?)
+    }
+}
+
+impl RowKeeper for Journal<'_> {
     fn keep(&mut self, block: Block) -> Result<Block> {
+        let block = self.keeper.keep(block)?;
         self.checkpoint.add(&block, self.again)?;
         if self.written.elapsed() >= self.wait {
             self.checkpoint.flush()?;

@@ -6,7 +6,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Part, Plan};
-use crate::{Result, lock::Lock, lxt::Checkpoint};
+use crate::{
+    Result,
+    lock::Lock,
+    lxt::{Checkpoint, rows::Entries},
+};
 
 /// What has become of a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -70,7 +74,7 @@ impl Plan {
                 holder: None,
                 problem: None,
             };
-            match self.is_there(k).then(|| self.shard(k, &outline)) {
+            match self.is_there(k).then(|| self.shard(k, &outline, Entries::Copied)) {
                 Some(Ok(_)) => {
                     (status.state, status.rows_done) = (ShardState::Done, rows);
                     return status;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{
     Container, Identity, Name,
-    rows::{self, ROWS},
+    rows::{self, AGAIN, Entries, ROWS},
     simplified, write_file,
 };
 use crate::{
@@ -60,13 +60,15 @@ impl Cache {
         .unwrap_or_default();
         kept.marked = true;
         let found = kept.rows.patches() > 0;
+        let again_before = kept.again.blocks().len();
         let mut bake = bake::bake_with(scene, options, &mut kept, run)?;
         if found {
             bake.report.rows.from = Some(entry.path.display().to_string());
         }
-        if bake.report.rows.cast > 0 {
+        let cast = bake.report.rows.cast > 0;
+        if cast || kept.again.blocks().len() > again_before {
             match entry.write(&bake, &kept) {
-                Ok(()) => bake.report.rows.kept_in = Some(entry.path.display().to_string()),
+                Ok(()) => bake.report.rows.kept_in = cast.then(|| entry.path.display().to_string()),
                 Err(e) => warning = Some(format!("the rows cannot be kept in the cache: {e}")),
             }
         }
@@ -93,15 +95,17 @@ impl Entry {
         }
         file.verify()?;
         let simplified = simplified::read(&file, scene, options)?;
-        let rows = rows::read_all(&file, ROWS, simplified.patches.len())?;
-        Ok(Some(Kept { rows, simplified: Some(simplified), ..Kept::default() }))
+        let read = |kind: Name| rows::read_all(&file, kind, simplified.patches.len(), Entries::Checked);
+        let (rows, again) = (read(ROWS)?, read(AGAIN)?);
+        Ok(Some(Kept { rows, again, simplified: Some(simplified), ..Kept::default() }))
     }
 
     fn write(&self, bake: &Bake, kept: &Kept) -> Result<()> {
         write_file(&self.path, CACHE, |out| {
             out.json(IDENTITY, 0, &self.identity)?;
             simplified::write(out, &bake.simplified, &bake.options)?;
-            rows::write_all(out, ROWS, &kept.rows)
+            rows::write_all(out, ROWS, &kept.rows)?;
+            rows::write_all(out, AGAIN, &kept.again)
         })
     }
 }

@@ -1,12 +1,11 @@
 //! Rows of a computation that is under way, so that it can be taken up where it was ended.
 //!
-//! A log: a head, then frames of a length, a checksum and a block of rows each, in the order in which they came. A process
-//! that is killed leaves a torn frame at the end at most, which is dropped; so is all that comes after a frame that a
-//! power cut has damaged. What is left are whole rows, and rows are the same whoever casts them.
+//! A [log](super::log): a head that says of what the rows are, then blocks of rows. What is left of it after a kill are
+//! whole rows, and rows are the same whoever casts them.
 
 use std::{
     fs::{self, File, OpenOptions},
-    io::{self, Read, Seek, SeekFrom, Write},
+    io::{self, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     time::{Duration, Instant},
 };
@@ -15,7 +14,12 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Identity, map::map, rows};
+use super::{
+    Identity,
+    log::{self, frame, put},
+    map::map,
+    rows,
+};
 use crate::{
     BakeOptions, Error, Result, Scene,
     transfer::{Block, Rows},
@@ -23,10 +27,6 @@ use crate::{
 
 /// First bytes of the file; the last of them is the version of the format.
 const MAGIC: &[u8; 8] = b"LuxelCk\x01";
-/// Bytes of a checksum (blake3).
-const HASH: usize = 32;
-/// Bytes of a frame before its payload: length and checksum.
-const FRAME: usize = 8 + HASH;
 /// Bytes of rows that do not wait longer for being written.
 const WAITING: usize = 64 << 20;
 /// Settings that rows depend on.
@@ -84,31 +84,10 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::Io`].
     pub fn rows_in(path: &Path) -> Result<usize> {
-        let count = || {
-            let mut file = File::open(path)?;
-            let length = file.metadata()?.len();
-            let (mut at, mut count) = (MAGIC.len() as u64, 0);
-            loop {
-                // What a frame is long, and how what it holds begins.
-                let mut bytes = [0; FRAME + rows::HEAD];
-                file.seek(SeekFrom::Start(at))?;
-                match file.read_exact(&mut bytes) {
-                    Err(e) if e.kind() == io::ErrorKind::UnexpectedEof => return Ok(count),
-                    read => read?,
-                }
-                let own = u64::from_le_bytes(std::array::from_fn(|i| bytes[i]));
-                let end = at.saturating_add(FRAME as u64).saturating_add(own);
-                if end > length {
-                    return Ok(count);
-                }
-                // The first frame tells of what the rows are.
-                if at > MAGIC.len() as u64 {
-                    count += rows::count(&bytes[FRAME..]);
-                }
-                at = end;
-            }
-        };
-        count().map_err(|e| Error::io(path, e))
+        let heads = || log::heads::<{ rows::HEAD }>(&mut File::open(path)?, MAGIC.len() as u64);
+        let heads = heads().map_err(|e| Error::io(path, e))?;
+        // The first frame tells of what the rows are.
+        Ok(heads.iter().skip(1).map(|head| rows::count(head)).sum())
     }
 
     /// Where it is.
@@ -257,25 +236,6 @@ impl Drop for Checkpoint {
             self.flush().ok();
         }
     }
-}
-
-/// Appends a frame in one piece: what is torn is torn at the end.
-fn put(file: &mut File, parts: &[&[u8]]) -> io::Result<()> {
-    let payload = parts.concat();
-    let mut frame = Vec::with_capacity(FRAME + payload.len());
-    frame.extend((payload.len() as u64).to_le_bytes());
-    frame.extend(blake3::hash(&payload).as_bytes());
-    frame.extend(payload);
-    file.write_all(&frame)
-}
-
-/// The payload of the frame at `at`, and where the next begins; `None` if it is not whole.
-fn frame(bytes: &Bytes, at: usize) -> Option<(Bytes, usize)> {
-    let length = u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?);
-    let (begin, hash) = (at + FRAME, bytes.get(at + 8..at + FRAME)?);
-    let end = begin.checked_add(usize::try_from(length).ok()?)?;
-    let payload = bytes.get(begin..end)?;
-    (*blake3::hash(payload).as_bytes() == *hash).then(|| (bytes.slice(begin..end), end))
 }
 
 #[cfg(test)]

@@ -90,8 +90,16 @@ impl Container {
     /// # Errors
     /// [`Error::Input`] naming the block if it is not there, or not what its checksum says.
     pub fn block(&self, kind: Name, number: u64) -> Result<Bytes> {
+        Ok(self.block_with_hash(kind, number)?.0)
+    }
+
+    /// As [`Container::block`], and the checksum that the payload has.
+    ///
+    /// # Errors
+    /// As of [`Container::block`].
+    pub(super) fn block_with_hash(&self, kind: Name, number: u64) -> Result<(Bytes, [u8; 32])> {
         match self.by_name.get(&(kind, number)) {
-            Some(&i) => self.payload(i),
+            Some(&i) => Ok((self.payload(i)?, self.blocks[i].entry.hash)),
             None => Err(self.wrong(kind, number, &format!("is missing: {REMEDY}"))),
         }
     }

@@ -6,6 +6,7 @@ mod checkpoint;
 mod container;
 mod identity;
 mod layout;
+mod log;
 pub(crate) mod map;
 pub(crate) mod raw;
 pub mod rows;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{Container, Name, Writer};
 use crate::{
     Result,
-    transfer::{Block, Row, Rows, View},
+    transfer::{Block, Coded, Row, Rows, View},
 };
 
 /// Rows that count.
@@ -71,6 +71,13 @@ pub(super) fn head(block: &Block, again: bool) -> io::Result<Vec<u8>> {
 /// # Errors
 /// What is wrong.
 pub(super) fn decode(payload: &Bytes, again: bool, patches: usize) -> std::result::Result<Block, String> {
+    let block = parts(payload, again)?;
+    block.check(patches)?;
+    Ok(block)
+}
+
+/// The block that `payload` holds, of which nothing is checked but the lengths.
+fn parts(payload: &Bytes, again: bool) -> std::result::Result<Block, String> {
     let (head, rest) = payload.split_at_checked(size_of::<Head>()).ok_or("is too short")?;
     let head: Head = bytemuck::pod_read_unaligned(head);
     let lengths = [head.rows as u64 * size_of::<Record>() as u64, head.bytes as u64, head.marks as u64];
@@ -86,17 +93,33 @@ pub(super) fn decode(payload: &Bytes, again: bool, patches: usize) -> std::resul
     let rows: Option<Vec<Row>> = rest[..records].chunks_exact(size_of::<Record>()).map(row).collect();
     let rows = rows.ok_or("holds a row of no known kind")?;
     let begin = size_of::<Head>() + records;
-    let block = Block { rows, bytes: payload.slice(begin..begin + bytes), marks: payload.slice(begin + bytes..) };
-    block.check(patches)?;
-    Ok(block)
+    let (bytes, marks) = (payload.slice(begin..begin + bytes), payload.slice(begin + bytes..));
+    Ok(Block { rows, bytes, marks, coded: None })
 }
 
-/// Writes rows as block `number` of `kind`.
+/// Whether entries that are read are looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Entries {
+    /// They can be used.
+    Checked,
+    /// They can be copied to a file that is checked when it is used, and no more.
+    Copied,
+}
+
+/// Writes rows as block `number` of `kind`; as they were read, if they were and nothing has changed since.
 ///
 /// # Errors
 /// Those of the output.
 pub fn write<W: Write>(out: &mut Writer<W>, kind: Name, number: u64, block: &Block) -> io::Result<()> {
-    out.block(kind, number, &[&head(block, kind == AGAIN)?, &block.bytes, &block.marks])
+    let again = kind == AGAIN;
+    match &block.coded {
+        Some(Coded { payload, hash }) if is_again(payload) == Some(again) => out.copy(kind, number, payload, *hash),
+        _ => out.block(kind, number, &[&head(block, again)?, &block.bytes, &block.marks]),
+    }
+}
+
+fn is_again(payload: &[u8]) -> Option<bool> {
+    Some(bytemuck::pod_read_unaligned::<Head>(payload.get(..HEAD)?).again == 1)
 }
 
 /// Writes all blocks of `rows`, numbered from 0.
@@ -107,23 +130,30 @@ pub fn write_all<W: Write>(out: &mut Writer<W>, kind: Name, rows: &Rows) -> io::
     (0..).zip(rows.blocks()).try_for_each(|(number, block)| write(out, kind, number, block))
 }
 
-/// Reads block `number` of `kind`, of a scene with so many patches. Entries and marks are not copied.
+/// Reads all blocks of `kind`, of a scene with so many patches. Entries and marks are not copied.
 ///
 /// # Errors
 /// Those of [`Container::block`]; [`Error::Input`](crate::Error::Input) if the rows are wrong.
-pub fn read(file: &Container, kind: Name, number: u64, patches: usize) -> Result<Block> {
-    let payload = file.block(kind, number)?;
-    decode(&payload, kind == AGAIN, patches).map_err(|what| file.wrong(kind, number, &what))
+pub fn read_all(file: &Container, kind: Name, patches: usize, entries: Entries) -> Result<Rows> {
+    let mut rows = Rows::new(patches);
+    read_blocks(file, kind, patches, entries)?.into_iter().for_each(|block| rows.add(block));
+    Ok(rows)
 }
 
-/// Reads all blocks of `kind`.
+/// As [`read_all`], without an index.
 ///
 /// # Errors
-/// As of [`read`].
-pub fn read_all(file: &Container, kind: Name, patches: usize) -> Result<Rows> {
+/// As of [`read_all`].
+pub fn read_blocks(file: &Container, kind: Name, patches: usize, entries: Entries) -> Result<Vec<Block>> {
+    let read = |number: u64| {
+        let (payload, hash) = file.block_with_hash(kind, number)?;
+        let checked = parts(&payload, kind == AGAIN).and_then(|block| match entries {
+            Entries::Checked => block.check(patches).map(|()| block),
+            Entries::Copied => block.check_rows(patches).map(|()| block),
+        });
+        let block = checked.map_err(|what| file.wrong(kind, number, &what))?;
+        Ok(Block { coded: Some(Coded { payload, hash }), ..block })
+    };
     let numbers: Vec<u64> = file.numbers(kind).collect();
-    let blocks: Result<Vec<Block>> = numbers.into_par_iter().map(|number| read(file, kind, number, patches)).collect();
-    let mut rows = Rows::new(patches);
-    blocks?.into_iter().for_each(|block| rows.add(block));
-    Ok(rows)
+    numbers.into_par_iter().map(read).collect()
 }

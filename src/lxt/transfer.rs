@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     Container, Identity, Name, Writer,
-    rows::{self, AGAIN, ROWS},
+    rows::{self, AGAIN, Entries, ROWS},
     simplified, source, stencils,
     write::{folder_of, write_file},
 };
@@ -135,8 +135,8 @@ impl Transfer {
         let simplified = simplified::read(&self.file, scene, &self.options)?;
         let patches = simplified.patches.len();
         Ok(Kept {
-            rows: rows::read_all(&self.file, ROWS, patches)?,
-            again: rows::read_all(&self.file, AGAIN, patches)?,
+            rows: rows::read_all(&self.file, ROWS, patches, Entries::Checked)?,
+            again: rows::read_all(&self.file, AGAIN, patches, Entries::Checked)?,
             stencils: Some(stencils::read(&self.file, patches)?),
             simplified: Some(simplified),
             marked: true,

@@ -51,6 +51,19 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
+    /// Adds the block `number` of `kind` with a payload that is known to have this checksum.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub(super) fn copy(&mut self, kind: Name, number: u64, payload: &[u8], hash: [u8; 32]) -> io::Result<()> {
+        self.pad()?;
+        self.out.write_all(payload)?;
+        let length = payload.len() as u64;
+        self.at += length;
+        self.table.push(Entry { kind, number, length, hash });
+        Ok(())
+    }
+
     /// Adds the block `number` of `kind` with `value` in postcard's wire format.
     ///
     /// # Errors

@@ -198,6 +198,11 @@ pub fn memory_bytes() -> u64 {
     status_bytes("VmRSS:")
 }
 
+/// What of it is pages of files, code among them; 0 where the system does not tell.
+pub fn mapped_bytes() -> u64 {
+    status_bytes("RssFile:")
+}
+
 fn status_bytes(field: &str) -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let kib = status.lines().find_map(|l| l.strip_prefix(field)?.trim().strip_suffix("kB")?.trim().parse().ok());

@@ -1,6 +1,6 @@
 //! Which patches points take their light from, found out once.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::OnceLock};
 
 use rayon::prelude::*;
 
@@ -26,8 +26,8 @@ pub struct Stencils {
     /// Where the neighbours of each point end.
     ends: Vec<u32>,
     neighbours: Vec<Neighbour>,
-    /// The number of each point by its bits.
-    numbers: HashMap<[u32; 6], u32>,
+    /// The number of each point by its bits, once somebody asks: who writes stencils to a file does not.
+    numbers: OnceLock<HashMap<[u32; 6], u32>>,
 }
 
 impl Stencils {
@@ -49,8 +49,7 @@ impl Stencils {
 
     /// Stencils of these parts, of which those of point k end at `ends[k]`.
     pub fn of(points: Vec<SurfacePoint>, ends: Vec<u32>, neighbours: Vec<Neighbour>) -> Stencils {
-        let numbers = (0..).zip(&points).map(|(k, point)| (key(point), k)).collect();
-        Stencils { points, ends, neighbours, numbers }
+        Stencils { points, ends, neighbours, numbers: OnceLock::new() }
     }
 
     /// The points, where the neighbours of each end, and all neighbours.
@@ -60,7 +59,8 @@ impl Stencils {
 
     /// The neighbours of a point; `None` if it is none of those.
     pub fn find(&self, point: &SurfacePoint) -> Option<&[Neighbour]> {
-        let k = *self.numbers.get(&key(point))? as usize;
+        let numbers = || (0..).zip(&self.points).map(|(k, point)| (key(point), k)).collect();
+        let k = *self.numbers.get_or_init(numbers).get(&key(point))? as usize;
         let begin = if k == 0 { 0 } else { self.ends[k - 1] };
         Some(&self.neighbours[begin as usize..self.ends[k] as usize])
     }

@@ -46,7 +46,7 @@ impl Row {
 /// An entry takes 2 bytes as a rule: the step to the next patch as a variable-length integer, the count as a byte (255
 /// announces a variable-length integer). Marks have a bit for every entry, from the lowest bit of a row's first byte
 /// on: whether one of the leading rays met the patch. A block has marks for all of its rows or for none.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 pub struct Block {
     /// What each row met, in the order of their bytes.
     pub rows: Vec<Row>,
@@ -54,6 +54,24 @@ pub struct Block {
     pub bytes: Bytes,
     /// Marks of the rows; empty if none were kept.
     pub marks: Bytes,
+    /// The whole of it as the file has it that it was read from, so that it can be copied to another.
+    pub coded: Option<Coded>,
+}
+
+/// Bytes of a file that were compared with their checksum.
+#[derive(Clone, Debug)]
+pub struct Coded {
+    /// The bytes.
+    pub payload: Bytes,
+    /// Their blake3.
+    pub hash: [u8; 32],
+}
+
+/// Where a block was read from makes no difference.
+impl PartialEq for Block {
+    fn eq(&self, other: &Block) -> bool {
+        (&self.rows, &self.bytes, &self.marks) == (&other.rows, &other.bytes, &other.marks)
+    }
 }
 
 impl Block {
@@ -74,6 +92,39 @@ impl Block {
     /// # Errors
     /// What is wrong.
     pub fn check(&self, patches: usize) -> std::result::Result<(), String> {
+        self.check_rows(patches)?;
+        let (mut end, mut marks_end) = (0, 0);
+        for row in &self.rows {
+            let of = |what: &str| format!("row of patch {}: {what}", row.patch);
+            let mut bytes = &self.bytes[end as usize..row.end as usize];
+            let (mut entries, mut hits, mut next) = (0_usize, 0_u64, 0_u64);
+            while !bytes.is_empty() {
+                let entry = checked_entry(&mut bytes).ok_or_else(|| of("it ends within an entry"))?;
+                let patch = if entries == 0 { entry.0 } else { next + entry.0 };
+                if patch >= patches as u64 || (entries > 0 && entry.0 == 0) || entry.1 == 0 {
+                    return Err(of("an entry is wrong"));
+                }
+                (entries, hits, next) = (entries + 1, hits + entry.1, patch);
+            }
+            if hits != (row.valid - row.escaped) as u64 {
+                return Err(of("its sums are wrong"));
+            }
+            let marks = &self.marks[marks_end as usize..row.marks_end as usize];
+            let spare = marks.last().is_some_and(|last| entries % 8 != 0 && last >> (entries % 8) != 0);
+            if !self.marks.is_empty() && (marks.len() != entries.div_ceil(8) || spare) {
+                return Err(of("its marks are wrong"));
+            }
+            (end, marks_end) = (row.end, row.marks_end);
+        }
+        Ok(())
+    }
+
+    /// As [`Block::check`], without a look at the entries: for who copies rows, and asks no more of them than what
+    /// [`Row`] tells.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn check_rows(&self, patches: usize) -> std::result::Result<(), String> {
         let (mut end, mut marks_end) = (0, 0);
         for row in &self.rows {
             let of = |what: &str| format!("row of patch {}: {what}", row.patch);
@@ -85,27 +136,11 @@ impl Block {
             if row.end < end || ends != (true, true) || marks.end != row.marks_end || row.marks_end < marks_end {
                 return Err(of("its bytes lie outside of the block"));
             }
-            let mut bytes = &self.bytes[end as usize..row.end as usize];
-            let (mut entries, mut hits, mut next) = (0_usize, 0_u64, 0_u64);
-            while !bytes.is_empty() {
-                let entry = checked_entry(&mut bytes).ok_or_else(|| of("it ends within an entry"))?;
-                let patch = if entries == 0 { entry.0 } else { next + entry.0 };
-                if patch >= patches as u64 || (entries > 0 && entry.0 == 0) || entry.1 == 0 {
-                    return Err(of("an entry is wrong"));
-                }
-                (entries, hits, next) = (entries + 1, hits + entry.1, patch);
-            }
             let sound = row.escaped <= row.valid
-                && hits == (row.valid - row.escaped) as u64
                 && row.valid as u64 + row.hidden as u64 <= 1 << 16
                 && (row.view == View::Hidden) == (row.valid == 0);
             if !sound {
                 return Err(of("its sums are wrong"));
-            }
-            let marks = &self.marks[marks_end as usize..row.marks_end as usize];
-            let spare = marks.last().is_some_and(|last| entries % 8 != 0 && last >> (entries % 8) != 0);
-            if !self.marks.is_empty() && (marks.len() != entries.div_ceil(8) || spare) {
-                return Err(of("its marks are wrong"));
             }
             (end, marks_end) = (row.end, row.marks_end);
         }
@@ -188,7 +223,7 @@ impl BlockWriter {
     pub fn finish(mut self) -> Block {
         self.bytes.shrink_to_fit();
         self.marks.shrink_to_fit();
-        Block { rows: self.rows, bytes: self.bytes.into(), marks: self.marks.into() }
+        Block { rows: self.rows, bytes: self.bytes.into(), marks: self.marks.into(), coded: None }
     }
 }
 

@@ -43,7 +43,7 @@ impl Spill {
     /// [`Error::Io`] with the folder's path, if the disk is full.
     pub fn put(&mut self, block: Block) -> Result<Block> {
         let mut moved = |bytes: Bytes| self.moved(&bytes).map_err(|e| Error::io(&self.folder, e));
-        Ok(Block { bytes: moved(block.bytes)?, marks: moved(block.marks)?, rows: block.rows })
+        Ok(Block { bytes: moved(block.bytes)?, marks: moved(block.marks)?, rows: block.rows, coded: None })
     }
 
     /// Bytes on the disk.
@@ -88,7 +88,7 @@ mod tests {
 
     fn block(seed: u8, length: usize) -> Block {
         let bytes: Vec<u8> = (0..length).map(|k| (k as u8).wrapping_mul(31).wrapping_add(seed)).collect();
-        Block { rows: Vec::new(), bytes: bytes.into(), marks: vec![seed; 3].into() }
+        Block { bytes: bytes.into(), marks: vec![seed; 3].into(), ..Block::default() }
     }
 
     #[test]
