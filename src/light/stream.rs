@@ -343,12 +343,17 @@ mod tests {
             for per in [16, 1] {
                 let expected = irradiance(&set, &tracer, &points, per, 16, SEED).irradiance;
                 let got = irradiance_of_few(&set, &tracer, &points, per, 16, SEED).irradiance;
+                let most = expected.iter().map(|e| e.max_element()).fold(0.0, f32::max);
                 let (mut same, mut sampled) = (0, (0.0, 0.0));
                 for (i, own) in points.chunks(per).enumerate() {
                     let off = (got[i] - expected[i]).y as f64;
                     if own.iter().all(|x| is_whole(&set, x)) {
-                        // Both cast the same rays, and rounding turns none of these 6400.
-                        assert!(off.abs() <= 1e-4 * expected[i].y as f64, "{light:?}, {per}, {i}: {off}");
+                        // Both cast the same rays, and rounding turns none of these 6400; the light in full view is rounded
+                        // as above.
+                        assert!(
+                            off.abs() <= (1e-4 * expected[i].y + 1e-6 * most) as f64,
+                            "{light:?}, {per}, {i}: {off}"
+                        );
                         same += 1;
                     } else {
                         // By area here, by solid angle there: two estimates of one light, independent between receivers.
