@@ -347,7 +347,10 @@ mod tests {
                 let (mut same, mut sampled) = (0, (0.0, 0.0));
                 for (i, own) in points.chunks(per).enumerate() {
                     let off = (got[i] - expected[i]).y as f64;
-                    if own.iter().all(|x| is_whole(&set, x)) {
+                    // Patches whose first points get nothing are given fewer samples by the general method.
+                    let asked = |x: &SurfacePoint| set.lamps.iter().any(|lamp| lamp.unshadowed(x) > 0.0);
+                    let asked = set.lamps.is_empty() || own.iter().take(ASKED).any(asked);
+                    if asked && own.iter().all(|x| is_whole(&set, x)) {
                         // Both cast the same rays, and rounding turns none of these 6400; the light in full view is rounded
                         // as above.
                         assert!(
@@ -360,7 +363,7 @@ mod tests {
                         sampled = (sampled.0 + off, sampled.1 + off * off);
                     }
                 }
-                assert!(same > points.len() / per / 8, "{light:?}, {per}: {same}");
+                assert!(same > points.len() / per / 16, "{light:?}, {per}: {same}");
                 assert!(sampled.0.abs() <= 4.0 * sampled.1.sqrt(), "{light:?}, {per}: {sampled:?}");
             }
         }
