@@ -5,6 +5,7 @@
 //! is nearby), one nearby is its polygons by Lambert's formula. The share of it that arrives is found by few shadow rays to
 //! senders that are picked in proportion to what they give, at even steps of their sum: in full view there is no noise, and in
 //! half shadow that of stratified samples.
+#![allow(clippy::needless_range_loop)] // Loops over lanes step through several arrays at once.
 
 use std::f32::consts::PI;
 
