@@ -343,19 +343,27 @@ mod tests {
             for per in [16, 1] {
                 let expected = irradiance(&set, &tracer, &points, per, 16, SEED).irradiance;
                 let got = irradiance_of_few(&set, &tracer, &points, per, 16, SEED).irradiance;
+                let most = expected.iter().map(|e| e.max_element()).fold(0.0, f32::max);
                 let (mut same, mut sampled) = (0, (0.0, 0.0));
                 for (i, own) in points.chunks(per).enumerate() {
                     let off = (got[i] - expected[i]).y as f64;
-                    if own.iter().all(|x| is_whole(&set, x)) {
-                        // Both cast the same rays, and rounding turns none of these 6400.
-                        assert!(off.abs() <= 1e-4 * expected[i].y as f64, "{light:?}, {per}, {i}: {off}");
+                    // Patches whose first points get nothing are given fewer samples by the general method.
+                    let asked = |x: &SurfacePoint| set.lamps.iter().any(|lamp| lamp.unshadowed(x) > 0.0);
+                    let asked = set.lamps.is_empty() || own.iter().take(ASKED).any(asked);
+                    if asked && own.iter().all(|x| is_whole(&set, x)) {
+                        // Both cast the same rays, and rounding turns none of these 6400; the light in full view is rounded
+                        // as above.
+                        assert!(
+                            off.abs() <= (1e-4 * expected[i].y + 1e-6 * most) as f64,
+                            "{light:?}, {per}, {i}: {off}"
+                        );
                         same += 1;
                     } else {
                         // By area here, by solid angle there: two estimates of one light, independent between receivers.
                         sampled = (sampled.0 + off, sampled.1 + off * off);
                     }
                 }
-                assert!(same > points.len() / per / 8, "{light:?}, {per}: {same}");
+                assert!(same > points.len() / per / 16, "{light:?}, {per}: {same}");
                 assert!(sampled.0.abs() <= 4.0 * sampled.1.sqrt(), "{light:?}, {per}: {sampled:?}");
             }
         }

@@ -1,10 +1,8 @@
-//! Paths, bounce by bounce in batches: the ray tracer gets thousands of rays a call, and nothing is allocated between. The
-//! loops between its calls are compiled for several processors, without contraction: all give the same bits.
+//! Paths, bounce by bounce in batches: the ray tracer gets thousands of rays a call, and nothing is allocated between.
 
 use std::time::{Duration, Instant};
 
 use glam::{DVec3, Vec3A};
-use multiversion::multiversion;
 
 use super::{
     lamps::{Crossing, Lamps},
@@ -136,16 +134,49 @@ impl Walk {
         }
         let mut numbers = Numbers { table: world.table, shifts, bounce: 0 };
         loop {
-            look(self, world, &numbers);
+            self.look(world, &numbers);
             self.collect(world, numbers.bounce, light);
             if self.here.going == 0 {
                 return self.tally;
             }
             self.go(world, &numbers);
-            arrive(self, world, &numbers, light);
+            self.arrive(world, &numbers, light);
             std::mem::swap(&mut self.here, &mut self.next);
             numbers.bounce += 1;
         }
+    }
+
+    /// Shadow rays from all vertices.
+    fn look(&mut self, world: &World, numbers: &Numbers) {
+        let n = self.here.going + self.here.ending;
+        self.shadow.resize(n);
+        self.brought.resize(n, Default::default());
+        // Slices of one known length: no bounds are checked inside the loop but that of `m`.
+        let [ox, oy, oz] =
+            [&mut self.shadow.origin_x, &mut self.shadow.origin_y, &mut self.shadow.origin_z].map(|v| &mut v[..n]);
+        let [dx, dy, dz] = [&mut self.shadow.direction_x, &mut self.shadow.direction_y, &mut self.shadow.direction_z]
+            .map(|v| &mut v[..n]);
+        let (t_max, brought) = (&mut self.shadow.t_max[..n], &mut self.brought[..n]);
+        let mut m = 0;
+        for vertices in [self.here.going(), self.here.ending()] {
+            for vertex in vertices {
+                if m >= n {
+                    break;
+                }
+                let u = numbers.word(&vertex.path, Decision::Lamp);
+                let v = numbers.word(&vertex.path, Decision::LampToo);
+                let look = world.lamps.look(vertex.origin, vertex.normal, u, v);
+                let light = vertex.weight * look.irradiance;
+                (ox[m], oy[m], oz[m]) = vertex.origin.into();
+                (dx[m], dy[m], dz[m]) = look.direction.into();
+                t_max[m] = look.t_max;
+                brought[m] = (light, vertex.path.slot);
+                // The next one takes the place of a ray that brings nothing.
+                m += (light.max_element() > 0.0) as usize;
+            }
+        }
+        self.shadow.resize(m);
+        self.brought.truncate(m);
     }
 
     /// Traces the shadow rays and adds up what arrives.
@@ -171,10 +202,33 @@ impl Walk {
         add(&mut light[slot as usize], first, sum);
     }
 
-    /// Sends the paths that go on.
+    /// Sends the paths that go on, cosine-distributed: along the normal plus a point of the unit sphere.
     fn go(&mut self, world: &World, numbers: &Numbers) {
-        emit(self, numbers);
         let n = self.here.going;
+        self.rays.resize(n);
+        let [u, v] = &mut self.words;
+        u.resize(n, 0);
+        v.resize(n, 0);
+        let (u, v) = (&mut u[..n], &mut v[..n]);
+        let [ox, oy, oz] =
+            [&mut self.rays.origin_x, &mut self.rays.origin_y, &mut self.rays.origin_z].map(|v| &mut v[..n]);
+        let [dx, dy, dz] =
+            [&mut self.rays.direction_x, &mut self.rays.direction_y, &mut self.rays.direction_z].map(|v| &mut v[..n]);
+        for (i, vertex) in self.here.all[..n].iter_mut().enumerate() {
+            // What went on with less than certainty stands for what did not.
+            vertex.weight *= (ALWAYS / vertex.weight.max_element()).max(1.0);
+            (ox[i], oy[i], oz[i]) = vertex.origin.into();
+            (dx[i], dy[i], dz[i]) = vertex.normal.into();
+            u[i] = numbers.word(&vertex.path, Decision::Direction);
+            v[i] = numbers.word(&vertex.path, Decision::DirectionToo);
+        }
+        for i in 0..n {
+            let [x, y, z] = on_sphere(u[i], v[i]);
+            dx[i] += x;
+            dy[i] += y;
+            dz[i] += z;
+        }
+        self.rays.t_max[..n].fill(f32::INFINITY);
         self.rays.coherent = numbers.bounce == 0;
         self.hits.resize(n, Hit::NONE);
         let begun = Instant::now();
@@ -182,111 +236,47 @@ impl Walk {
         self.tally.tracing += begun.elapsed();
         self.tally.rays += n as u64;
     }
-}
 
-/// Shadow rays from all vertices.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn look(walk: &mut Walk, world: &World, numbers: &Numbers) {
-    let n = walk.here.going + walk.here.ending;
-    walk.shadow.resize(n);
-    walk.brought.resize(n, Default::default());
-    // Slices of one known length: no bounds are checked inside the loop but that of `m`.
-    let [ox, oy, oz] =
-        [&mut walk.shadow.origin_x, &mut walk.shadow.origin_y, &mut walk.shadow.origin_z].map(|v| &mut v[..n]);
-    let [dx, dy, dz] =
-        [&mut walk.shadow.direction_x, &mut walk.shadow.direction_y, &mut walk.shadow.direction_z].map(|v| &mut v[..n]);
-    let (t_max, brought) = (&mut walk.shadow.t_max[..n], &mut walk.brought[..n]);
-    let mut m = 0;
-    for vertices in [walk.here.going(), walk.here.ending()] {
-        for vertex in vertices {
-            if m >= n {
-                break;
-            }
-            let u = numbers.word(&vertex.path, Decision::Lamp);
-            let v = numbers.word(&vertex.path, Decision::LampToo);
-            let look = world.lamps.look(vertex.origin, vertex.normal, u, v);
-            let light = vertex.weight * look.irradiance;
-            (ox[m], oy[m], oz[m]) = vertex.origin.into();
-            (dx[m], dy[m], dz[m]) = look.direction.into();
-            t_max[m] = look.t_max;
-            brought[m] = (light, vertex.path.slot);
-            // The next one takes the place of a ray that brings nothing.
-            m += (light.max_element() > 0.0) as usize;
+    /// What paths meet, and which of them go on from there.
+    fn arrive(&mut self, world: &World, numbers: &Numbers, light: &mut [Light]) {
+        let n = self.here.going;
+        let (paths, rays) = (self.here.going(), &self.rays);
+        let first = first_of(numbers.bounce);
+        if world.lamps.has_floating() {
+            world.lamps.meet_floating(rays, &self.hits, &mut self.crossing, |i, brought| {
+                add(&mut light[paths[i].path.slot as usize], first, (paths[i].weight * brought).as_dvec3());
+            });
         }
-    }
-    walk.shadow.resize(m);
-    walk.brought.truncate(m);
-}
-
-/// Rays of the paths that go on, cosine-distributed: along the normal plus a point of the unit sphere.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn emit(walk: &mut Walk, numbers: &Numbers) {
-    let n = walk.here.going;
-    walk.rays.resize(n);
-    let [u, v] = &mut walk.words;
-    u.resize(n, 0);
-    v.resize(n, 0);
-    let (u, v) = (&mut u[..n], &mut v[..n]);
-    let [ox, oy, oz] = [&mut walk.rays.origin_x, &mut walk.rays.origin_y, &mut walk.rays.origin_z].map(|v| &mut v[..n]);
-    let [dx, dy, dz] =
-        [&mut walk.rays.direction_x, &mut walk.rays.direction_y, &mut walk.rays.direction_z].map(|v| &mut v[..n]);
-    for (i, vertex) in walk.here.all[..n].iter_mut().enumerate() {
-        // What went on with less than certainty stands for what did not.
-        vertex.weight *= (ALWAYS / vertex.weight.max_element()).max(1.0);
-        (ox[i], oy[i], oz[i]) = vertex.origin.into();
-        (dx[i], dy[i], dz[i]) = vertex.normal.into();
-        u[i] = numbers.word(&vertex.path, Decision::Direction);
-        v[i] = numbers.word(&vertex.path, Decision::DirectionToo);
-    }
-    for i in 0..n {
-        let [x, y, z] = on_sphere(u[i], v[i]);
-        dx[i] += x;
-        dy[i] += y;
-        dz[i] += z;
-    }
-    walk.rays.t_max[..n].fill(f32::INFINITY);
-}
-
-/// What paths meet, and which of them go on from there.
-#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
-fn arrive(walk: &mut Walk, world: &World, numbers: &Numbers, light: &mut [Light]) {
-    let n = walk.here.going;
-    let (paths, rays) = (walk.here.going(), &walk.rays);
-    let first = first_of(numbers.bounce);
-    if world.lamps.has_floating() {
-        world.lamps.meet_floating(rays, &walk.hits, &mut walk.crossing, |i, brought| {
-            add(&mut light[paths[i].path.slot as usize], first, (paths[i].weight * brought).as_dvec3());
-        });
-    }
-    walk.next.begin(n);
-    let sky = world.lamps.has_sky();
-    let [ox, oy, oz] = [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|v| &v[..n]);
-    let [dx, dy, dz] = [&rays.direction_x, &rays.direction_y, &rays.direction_z].map(|v| &v[..n]);
-    let hits = &walk.hits[..n];
-    for (i, vertex) in paths.iter().enumerate() {
-        let (hit, direction) = (&hits[i], Vec3A::new(dx[i], dy[i], dz[i]));
-        if !hit.is_hit() {
-            walk.tally.escaped += 1;
-            if sky {
-                let brought = vertex.weight * world.lamps.sky(direction);
+        self.next.begin(n);
+        let sky = world.lamps.has_sky();
+        let [ox, oy, oz] = [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|v| &v[..n]);
+        let [dx, dy, dz] = [&rays.direction_x, &rays.direction_y, &rays.direction_z].map(|v| &v[..n]);
+        let hits = &self.hits[..n];
+        for (i, vertex) in paths.iter().enumerate() {
+            let (hit, direction) = (&hits[i], Vec3A::new(dx[i], dy[i], dz[i]));
+            if !hit.is_hit() {
+                self.tally.escaped += 1;
+                if sky {
+                    let brought = vertex.weight * world.lamps.sky(direction);
+                    add(&mut light[vertex.path.slot as usize], first, brought.as_dvec3());
+                }
+                continue;
+            }
+            if let Some((lamp, facing)) = world.surfaces.lamp(hit, direction) {
+                let brought = vertex.weight * world.lamps.met(lamp, hit.t, direction, facing);
                 add(&mut light[vertex.path.slot as usize], first, brought.as_dvec3());
             }
-            continue;
-        }
-        if let Some((lamp, facing)) = world.surfaces.lamp(hit, direction) {
-            let brought = vertex.weight * world.lamps.met(lamp, hit.t, direction, facing);
-            add(&mut light[vertex.path.slot as usize], first, brought.as_dvec3());
-        }
-        let Some(met) = world.surfaces.met(hit, Vec3A::new(ox[i], oy[i], oz[i]), direction) else {
-            walk.tally.hidden += 1;
-            continue;
-        };
-        let weight = vertex.weight * met.albedo;
-        let largest = weight.max_element();
-        if largest > 0.0 {
-            let roulette = fraction(numbers.word(&vertex.path, Decision::Roulette));
-            let next = Vertex { origin: met.origin, normal: met.normal, weight, path: vertex.path };
-            walk.next.push(next, roulette * ALWAYS < largest);
+            let Some(met) = world.surfaces.met(hit, Vec3A::new(ox[i], oy[i], oz[i]), direction) else {
+                self.tally.hidden += 1;
+                continue;
+            };
+            let weight = vertex.weight * met.albedo;
+            let largest = weight.max_element();
+            if largest > 0.0 {
+                let roulette = fraction(numbers.word(&vertex.path, Decision::Roulette));
+                let next = Vertex { origin: met.origin, normal: met.normal, weight, path: vertex.path };
+                self.next.push(next, roulette * ALWAYS < largest);
+            }
         }
     }
 }
