@@ -51,7 +51,7 @@ struct Tracing {
     #[arg(long, value_enum)]
     sides: Option<Sides>,
     /// Seed of all random numbers [default: 0]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
 }
 
@@ -112,7 +112,7 @@ struct Settings {
     #[arg(long, value_enum)]
     face_colour: Option<Colour>,
     /// Seed of all random numbers [default: 0]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     seed: Option<u64>,
     /// Compute also what the scene does not need: bake.json lists what is left out otherwise
     #[arg(long)]

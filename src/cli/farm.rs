@@ -74,7 +74,7 @@ struct ShardArgs {
     #[arg(value_name = "PLAN")]
     plan: PathBuf,
     /// Number of the shard, from 0; more than there are do nothing
-    #[arg(value_name = "K", required_unless_present = "index")]
+    #[arg(value_name = "K", required_unless_present = "index", allow_negative_numbers = true)]
     number: Option<usize>,
     /// Take the number from this variable of the environment, such as SLURM_ARRAY_TASK_ID
     #[arg(long, value_name = "VARIABLE", conflicts_with = "number")]
@@ -191,7 +191,7 @@ fn shard(args: &ShardArgs) -> Result<()> {
         let line = json!({ "shard": k, "state": state, "rays": rays, "rows_resumed": resumed, "seconds": seconds });
         say(&format!("{line}\n"));
     } else if !args.running.quiet {
-        say(&format!("{:<14}{text}\n", format!("shard {k}")));
+        say(&format!("{:<13} {text}\n", format!("shard {k}")));
     }
     Ok(())
 }

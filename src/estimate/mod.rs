@@ -16,8 +16,8 @@ use rayon::prelude::*;
 use crate::{
     Scene,
     bake::Bake,
+    colour::luminance,
     light::LightSet,
-    output::tonemap::luminance,
     report::{ErrorParts, ErrorReport},
     sampling,
     scene::SurfacePoint,
@@ -121,7 +121,7 @@ impl Variance {
         let light = |seed: u64| bake.sampled(lights, points, bake.options.point_samples, seed).irradiance;
         let first = first.unwrap_or_else(|| light(bake.options.seed));
         let second = light(bake.options.seed ^ AGAIN);
-        let shadow = first.iter().zip(&second).map(|(a, b)| 0.5 * (luminance(*a - *b) as f64).powi(2)).collect();
+        let shadow = first.iter().zip(&second).map(|(a, b)| 0.5 * luminance(*a - *b).powi(2)).collect();
         Variance { shadow, rows: vec![0.0; points.len()], detail: vec![0.0; points.len()] }
     }
 
@@ -148,9 +148,9 @@ impl Places<'_> {
         let mut local = Local::new(self.bake.simplified.grid, self.mean(light));
         for (k, &v) in self.looked_at.iter().enumerate() {
             let (v, all) = (v as usize, variance.shadow[k] + variance.rows[k] + variance.detail[k]);
-            local.add(&samples[v], self.areas[v], all, luminance(light[v]) as f64);
+            local.add(&samples[v], self.areas[v], all, luminance(light[v]));
         }
-        let sigma = |(p, e): (&SurfacePoint, &Vec3)| local.variance(p, luminance(*e) as f64).max(0.0).sqrt() as f32;
+        let sigma = |(p, e): (&SurfacePoint, &Vec3)| local.variance(p, luminance(*e)).max(0.0).sqrt() as f32;
         samples.par_iter().zip(light).map(sigma).collect()
     }
 
@@ -181,7 +181,7 @@ impl Places<'_> {
 
     /// Mean luminance.
     fn mean(&self, light: &[Vec3]) -> f64 {
-        let sum: f64 = self.areas.iter().zip(light).map(|(a, e)| a * luminance(*e) as f64).sum();
+        let sum: f64 = self.areas.iter().zip(light).map(|(a, e)| a * luminance(*e)).sum();
         sum / self.areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
     }
 }

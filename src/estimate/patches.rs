@@ -10,8 +10,8 @@ use super::{
 };
 use crate::{
     bake::Bake,
+    colour::luminance,
     options::Reconstruct,
-    output::tonemap::luminance,
     reconstruct, sampling,
     scene::SurfacePoint,
     transfer::{self, Casting, RowPoints, Rows},
@@ -75,11 +75,11 @@ fn interpolated(
         .map(|i| {
             let bits = sampling::hash(&[bake.options.seed, SIGNS, i as u64]);
             let sign = |k: u32| if bits >> k & 1 == 1 { 1.0 } else { -1.0 };
-            [luminance(field.received[i]) as f64, sign(0), sign(1)]
+            [luminance(field.received[i]), sign(0), sign(1)]
         })
         .collect();
     let mut coarse_white = coarse.average(&white);
-    coarse_white.iter_mut().zip(&light.received).for_each(|(w, e)| w[0] = luminance(vec3(*e)) as f64);
+    coarse_white.iter_mut().zip(&light.received).for_each(|(w, e)| w[0] = luminance(vec3(*e)));
     let lifted = |v: &[[f64; 3]]| v.iter().map(|w| vec3(*w) + Vec3::new(0.0, LIFT, LIFT)).collect::<Vec<Vec3>>();
     let (white, coarse_white) = (lifted(&white), lifted(&coarse_white));
     let method = if bake.options.reconstruct.gathers() { Reconstruct::Smooth } else { bake.options.reconstruct };
@@ -112,7 +112,7 @@ fn gathered(bake: &Bake, field: &Field, light: &CoarseLight, points: &[SurfacePo
         field.senders.iter_mut().for_each(|s| s.seed ^= random);
         reconstruct::interpolate(&field, Reconstruct::Gather, &places)
     };
-    let off = |k: usize, e: Vec3| luminance(own[k] - e) as f64;
+    let off = |k: usize, e: Vec3| luminance(own[k] - e);
 
     // Where they do: by other rays, and from coarse patches.
     let other = gather(&asking, field.sent, AGAIN);
@@ -144,11 +144,11 @@ pub fn again(patches: usize, seed: u64) -> Vec<u32> {
 fn row_noise(bake: &Bake, field: &Field, points: &RowPoints, rows: &Rows) -> Local {
     let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
     let picked: Vec<u32> = again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
-    let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b)).collect();
+    let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b) as f32).collect();
     let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], points) };
     let received = transfer::receive(&casting, &picked, &sent, f.is_closed(), rows);
 
-    let light = |i: u32| luminance(field.received[i as usize]) as f64;
+    let light = |i: u32| luminance(field.received[i as usize]);
     let area: f64 = picked.iter().map(|&i| patches.area[i as usize] as f64).sum();
     let mean = picked.iter().map(|&i| patches.area[i as usize] as f64 * light(i)).sum::<f64>() / area;
     let mut local = Local::new(bake.simplified.grid, if area > 0.0 { mean } else { 0.0 });
