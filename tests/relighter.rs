@@ -243,11 +243,23 @@ fn surfaces_so_white_that_light_stays_are_solved_too() {
 #[test]
 fn what_is_asked_of_a_relit_bake_is_its_light() {
     let mut relighter = relighter(&cornell());
+    let bake = relighter.bake();
+    let light = bake.irradiance(&bake.mesh.samples.clone(), &Silent);
+    // The vertices' places lie clear of walls already, and no patch is bright; f32 sums.
+    assert!(difference(&bake.vertices.indirect, &light.indirect) < 1e-5);
+
     relighter.place(0, carried(DVec3::new(200.0, 400.0, 150.0))).unwrap();
     let bake = relighter.bake();
     let light = bake.irradiance(&bake.mesh.samples.clone(), &Silent);
-    // The vertices' places lie clear of walls already; f32 sums.
-    assert!(difference(&bake.vertices.indirect, &light.indirect) < 1e-5);
+    // What bright patches send is sampled twice, so that the two differ by chance, at each vertex by its own.
+    let off = |(a, b): (&Vec3, &Vec3)| (*a - *b).as_dvec3();
+    let offs: Vec<DVec3> = bake.vertices.indirect.iter().zip(&light.indirect).map(off).collect();
+    let count = offs.len() as f64;
+    let mean = offs.iter().sum::<DVec3>() / count;
+    let error = (offs.iter().map(|d| *d * *d).sum::<DVec3>() / count / count).map(f64::sqrt);
+    // Four standard errors, and 1 % that many bright patches may be off in full view (light/crowd.rs).
+    let scale = light.indirect.iter().map(|e| e.as_dvec3()).sum::<DVec3>() / count;
+    assert!(mean.abs().cmple(4.0 * error + 0.01 * scale).all(), "{mean}, standard error {error}");
     // Penumbras where the horizon cuts the lamp are sampled otherwise.
     assert!(difference(&bake.vertices.direct, &light.direct) < 0.01);
     // The lamp's own surface is dark now.

@@ -90,6 +90,7 @@ fn signals_end_every_long_stage_with_their_own_code() {
         assert_eq!(status.code(), Some(128 + signal), "{stage}: {said}");
         let name = if signal == INT { "SIGINT" } else { "SIGTERM" };
         assert!(said.contains(&format!("luxel: interrupted by {name}: ")), "{stage}: {said}");
+        assert!(!said.contains("could not be written"), "{stage}: {said}");
         // The folder was made for the run, and nothing is left in it that could be taken for a result.
         let left = if out.exists() { names(&out) } else { Vec::new() };
         assert!(left.iter().all(|name| name.starts_with('.')), "{stage}: {left:?}");
@@ -97,17 +98,20 @@ fn signals_end_every_long_stage_with_their_own_code() {
 }
 
 #[test]
-fn a_second_signal_ends_the_process_where_it_is() {
+fn a_second_interrupt_ends_the_process_where_it_is_and_a_second_sigterm_does_not() {
     let folder = tempfile::tempdir().unwrap();
     // Rows of this kind take longer than the grace: blocks of 64 patches, every triangle against every ray.
     let slow = ["--backend", "brute", "--rays", LONG];
-    let mut child = run_to(bake(&folder.path().join("out"), &slow), "form factors");
-    send(&child, INT);
-    send(&child, TERM);
-    let code = child.wait().unwrap().code();
-    assert!(code == Some(128 + INT) || code == Some(128 + TERM), "{code:?}");
+    let after = |signals: [i32; 2]| {
+        let mut child = run_to(bake(&folder.path().join("out"), &slow), "form factors");
+        signals.iter().for_each(|&signal| send(&child, signal));
+        (child.wait().unwrap().code(), said(&mut child))
+    };
     // It had no time to say why.
-    assert_eq!(said(&mut child), "");
+    assert_eq!(after([INT, INT]), (Some(128 + INT), String::new()));
+    // A scheduler that repeats itself takes no time from the work to end in order.
+    let (code, said) = after([TERM, TERM]);
+    assert!(code == Some(128 + TERM) && said.contains("luxel: interrupted by SIGTERM: "), "{code:?} {said}");
 }
 
 #[test]
@@ -191,7 +195,8 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     assert!(output.status.success(), "{}", stderr(&output));
     let [foretold, measured] =
         ["foretold_memory_bytes", "peak_memory_bytes"].map(|name| record(&free)[name].as_f64().unwrap());
-    // Wide: a small bake is mostly what the allocator makes of it. Five scenes are measured in ARCHITECTURE.md.
+    // Chosen, not derived: what allocator and threads hold is a share of a small bake that differs between machines, but a
+    // part that was forgotten or counted twice is more. Larger scenes are measured in ARCHITECTURE.md.
     assert!((0.6..1.6).contains(&(foretold / measured)), "{foretold} foretold, {measured} measured");
 
     // All of it but a quarter of the form factors: what was freed before holds some of them too.

@@ -6,7 +6,6 @@ use luxel::{
     Error, Goal, Result,
     bake::{Bake, Run},
     lxt::Cache,
-    output::atomic::Staged,
 };
 
 use super::{
@@ -49,11 +48,14 @@ pub fn run(args: &Args) -> Result<()> {
         if goal.target_error.is_none() && goal.budget.is_none() {
             args.resume.arm(&mut keeper, folder, scene, &job.options)?;
         }
-        let baked = bake_and_write(args, &job, &goal, cache.as_ref(), staged, &mut keeper, &progress);
+        let baked = bake(&job, &goal, cache.as_ref(), &mut keeper, &progress);
         if let Err(Error::Interrupted(_)) = baked {
+            // Before `staged` goes, which takes a folder with it that was made for this bake and is empty.
             keeper.save();
         }
-        let bake = baked?;
+        let mut bake = baked?;
+        keeper.tell(&mut bake);
+        args.results.write(scene, &mut bake, staged, &progress)?;
         keeper.finish()?;
         Ok(bake)
     })?;
@@ -61,21 +63,10 @@ pub fn run(args: &Args) -> Result<()> {
     Ok(())
 }
 
-fn bake_and_write(
-    args: &Args,
-    job: &Job,
-    goal: &Goal,
-    cache: Option<&Cache>,
-    staged: Staged,
-    keeper: &mut Keeper,
-    progress: &Terminal,
-) -> Result<Bake> {
+fn bake(job: &Job, goal: &Goal, cache: Option<&Cache>, keeper: &mut Keeper, progress: &Terminal) -> Result<Bake> {
     let (scene, options) = (&job.scene, &job.options);
-    let mut bake = match cache {
-        Some(cache) => cache.bake(scene, options, &mut Run { progress, keeper, deadline: None })?,
-        None => luxel::goal::bake_to_kept(scene, options, goal, keeper, progress)?,
-    };
-    keeper.tell(&mut bake);
-    args.results.write(scene, &mut bake, staged, progress)?;
-    Ok(bake)
+    match cache {
+        Some(cache) => cache.bake(scene, options, &mut Run { progress, keeper, deadline: None }),
+        None => luxel::goal::bake_to_kept(scene, options, goal, keeper, progress),
+    }
 }
