@@ -101,10 +101,13 @@ fn signals_end_every_long_stage_with_their_own_code() {
 #[test]
 fn a_second_interrupt_ends_the_process_where_it_is_and_a_second_sigterm_does_not() {
     let folder = tempfile::tempdir().unwrap();
-    // Rows of this kind take longer than the grace: blocks of 64 patches, every triangle against every ray.
-    let slow = ["--backend", "brute", "--rays", LONG];
+    // Work asks between slices, and a slice takes ten times the grace: 64 rows, each of some 2,400 triangles against each ray.
+    let slow = ["--grid", "8", "--backend", "brute", "--patch-samples", "1", "--rays", LONG];
     let after = |signal: i32| {
-        let mut child = run_to(bake(&folder.path().join("out"), &slow), "form factors");
+        let mut command = luxel();
+        command.args(["bake", "scenes/curved_room.toml", "--json-progress", "-o"]);
+        command.arg(folder.path().join("out")).args(slow);
+        let mut child = run_to(command, "form factors");
         // Again and again: signals of a kind that are not yet delivered are one.
         while child.try_wait().unwrap().is_none() {
             send(&child, signal);
