@@ -19,9 +19,11 @@ pub struct Outlook {
     pub peak: u64,
     /// The form factors.
     pub rows: u64,
-    /// What solving the system adds, the rows that are unpacked for it among it; not if rows are spilled.
-    pub solving: u64,
-    /// What the rest of the bake adds at its largest, without the rows.
+    /// The rows that are unpacked to solve the system; not if rows are spilled.
+    pub unpacked: u64,
+    /// What solving adds besides.
+    pub solved: u64,
+    /// What the rest of the bake adds to that at its largest.
     pub rest: u64,
     /// What of this is there when the bake is done, for those who go on with it.
     pub lasting: u64,
@@ -48,15 +50,19 @@ const SOLVED_PATCH: f64 = 260.0;
 /// Unpacked rows against coded ones.
 const UNPACKED: f64 = 1.2;
 /// Bytes a corner while the split mesh is made.
-const CORNER: f64 = 100.0;
+const CORNER: f64 = 120.0;
 /// Bytes a vertex with its light.
 const VERTEX: f64 = 235.0;
 /// Bytes a patch of what is there when the bake is done.
 const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
 const ESTIMATED_PATCH: f64 = 180.0;
-/// Share of what the process holds without using it that serves again: the rest lies in pieces.
-const REUSED: f64 = 0.85;
+/// Share of what the process holds without using it that serves rows and the solver: the rest lies in pieces.
+const REUSED: f64 = 0.7;
+/// Share of rows and solver that finds no room in what is free, however much there is.
+const FRESH: u64 = 5;
+/// Share of the unpacked rows that serves what comes after them.
+const SERVES_AGAIN: u64 = 2;
 /// Foretold before there is anything: what the rays of the patches' direct light leave to be used again, and what all before
 /// did as a share.
 const LEFT: f64 = 16e6;
@@ -72,15 +78,16 @@ impl Outlook {
         let meshed = vertices as f64 * VERTEX;
         let estimated = if estimate { patches as f64 * ESTIMATED_PATCH } else { 0.0 };
         let lasting = patches as f64 * LASTING_PATCH + meshed;
-        let rest = solved + (meshed + estimated).max(corners as f64 * CORNER);
+        let rest = (meshed + estimated).max(corners as f64 * CORNER);
         let unpacks = row_bytes <= patches as f64 * UNPACKED_PATCH as f64;
-        let solving = solved + if unpacks { UNPACKED * row_bytes } else { 0.0 };
+        let unpacked = if unpacks { UNPACKED * row_bytes } else { 0.0 };
         let reused = REUSED * (held.saturating_sub(mapped_bytes()) as f64 - used).max(0.0);
         Outlook {
             held,
             peak,
             rows: row_bytes as u64,
-            solving: solving as u64,
+            unpacked: unpacked as u64,
+            solved: solved as u64,
             rest: rest as u64,
             lasting: lasting as u64,
             reused: reused as u64,
@@ -102,9 +109,13 @@ impl Outlook {
     /// The largest memory of the process, if pictures of so many pixels are made at last; without the rows if they are
     /// `spilled`.
     pub fn most(&self, pixels: u64, spilled: bool) -> u64 {
-        let (rows, solving) = if spilled { (0, 0) } else { (self.rows, self.solving) };
-        let with = |more: u64| self.held + (rows + more).saturating_sub(self.reused);
-        self.peak.max(with(self.rest.max(solving))).max(with(self.lasting) + (pixels as f64 * PIXEL) as u64)
+        let (rows, unpacked) = if spilled { (0, 0) } else { (self.rows, self.unpacked) };
+        let needed = rows + unpacked + self.solved;
+        let solving = self.held + needed.saturating_sub(self.reused).max(needed / FRESH);
+        // Large arrays, for which there is no room in pieces.
+        let largest = solving + self.rest.saturating_sub(unpacked / SERVES_AGAIN);
+        let done = self.held + (rows + self.lasting).saturating_sub(self.reused);
+        self.peak.max(largest).max(done + (pixels as f64 * PIXEL) as u64)
     }
 }
 
@@ -119,27 +130,29 @@ mod tests {
             held: 100 * mb,
             peak: 120 * mb,
             rows: 50 * mb,
-            solving: 30 * mb,
+            unpacked: 20 * mb,
+            solved: 10 * mb,
             rest: 40 * mb,
             lasting: 10 * mb,
             reused: 20 * mb,
         };
-        assert_eq!(outlook.most(0, false), 170 * mb);
-        let solving = Outlook { solving: 60 * mb, ..outlook };
-        assert_eq!(solving.most(0, false), 190 * mb);
-        assert_eq!(solving.most(0, true), 120 * mb);
+        // 80 MB less 20 that are there, and 40 less half of what was unpacked.
+        assert_eq!(outlook.most(0, false), 190 * mb);
+        // A fifth of the 10 MB needs new memory.
+        assert_eq!(outlook.most(0, true), 142 * mb);
         // Nothing is below what was held already.
-        assert_eq!(outlook.most(0, true), 120 * mb);
+        let held = Outlook { peak: 200 * mb, ..outlook };
+        assert_eq!(held.most(0, false), 200 * mb);
         let pictures = outlook.most(1 << 20, false);
         assert_eq!(pictures, 140 * mb + (PIXEL * (1 << 20) as f64) as u64);
     }
 
     #[test]
     fn an_outlook_grows_with_everything_it_counts() {
-        let sizes = Sizes { used: 1e12, patches: 1000, row_bytes: 1e6, corners: 4000, vertices: 1000, estimate: false };
+        let sizes = Sizes { used: 1e12, patches: 1000, row_bytes: 1e6, corners: 3000, vertices: 1000, estimate: false };
         let most = |sizes: Sizes| {
             let outlook = Outlook::new(&sizes);
-            (outlook.rows + outlook.rest, outlook.lasting)
+            (outlook.rows + outlook.solved + outlook.rest, outlook.lasting)
         };
         let less = most(sizes);
         for more in [
