@@ -68,7 +68,7 @@ fn help(command: &str) -> String {
 }
 
 /// Options of cargo, schedulers and their kin that the documents speak of.
-const FOREIGN: [&str; 24] = [
+const FOREIGN: [&str; 25] = [
     "--all-targets",
     "--bench",
     "--example",
@@ -77,6 +77,7 @@ const FOREIGN: [&str; 24] = [
     "--no-default-features",
     "--no-deps",
     "--nocapture",
+    "--plot",
     "--open",
     "--release",
     "--check",
