@@ -18,6 +18,7 @@ use luxel::{
 
 use super::{
     args::{BakeArgs, Goals},
+    prepare::folder_of,
     progress::{Style, Terminal},
     say,
 };
@@ -91,8 +92,7 @@ pub(super) fn split(path: &Path) -> Result<(&Path, &str)> {
     if path.is_dir() {
         return Err(Error::Option(format!("-o {}: is a folder; a file name was expected", path.display())));
     }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-    Ok((folder.unwrap_or(Path::new(".")), name))
+    Ok((folder_of(path), name))
 }
 
 /// Reads a file of points.
