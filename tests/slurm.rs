@@ -132,18 +132,22 @@ fn shards_that_fail_or_are_cancelled_are_not_requeued_and_there_is_no_merge() {
     let Some(cluster) = Cluster::start() else { return };
     let root = tempfile::tempdir().unwrap();
     let folder = root.path().join("plan");
-    plan(&scene("cornell.toml"), &folder, 2, &["--grid", "12", "--rays", "16"]);
-    let shard = stand_in(root.path(), "0) echo no such scene; exit 1 ;; 1) sleeps ;;");
+    plan(&scene("cornell.toml"), &folder, 3, &["--grid", "12", "--rays", "16"]);
+    // The last is cancelled too, and has ended before the signal of that reaches the script around it.
+    let shard = stand_in(
+        root.path(),
+        "0) echo no such scene; exit 1 ;; 1) sleeps ;; 2) trap '' TERM; scancel ${SLURM_ARRAY_JOB_ID}_2; exit 143 ;;",
+    );
     let (arrays, merge) = submit(&cluster, &folder, &shard, &["--slurm"]);
     let calls = || fs::read_to_string(folder.join("calls")).unwrap_or_default();
-    until("the call of both shards", || calls().lines().count() == 2);
+    until("the call of the shards", || calls().lines().count() == 3);
     cluster.run("scancel", &[&format!("{}_1", arrays[0])]);
     until("the merge's cancellation", || cluster.states(&merge) == ["CANCELLED"]);
 
     let mut states = cluster.states(&arrays[0]);
     states.sort();
-    assert_eq!(states, ["CANCELLED", "FAILED"]);
-    assert_eq!(calls().lines().count(), 2, "{}", calls());
+    assert_eq!(states, ["CANCELLED", "CANCELLED", "FAILED"]);
+    assert_eq!(calls().lines().count(), 3, "{}", calls());
     let log = fs::read_to_string(folder.join(format!("logs/shard-{}_0.log", arrays[0]))).unwrap();
     assert_eq!(log, "no such scene\n");
 }
