@@ -76,6 +76,7 @@ impl Coarse {
             simplified.patches.centroid[p] = (middle[p] / total).as_vec3();
         }
         let known = total.iter().map(|&a| a > 0.0).collect();
+        let index = PatchIndex::new(&simplified.patches, grid);
         Coarse { simplified, index, level: Level::default(), parent, area, total, known }
     }
 

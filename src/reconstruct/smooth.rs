@@ -115,18 +115,16 @@ fn gather(field: &Field, point: &SurfacePoint, h: f32, out: &mut Vec<Neighbour>)
     if !point.is_sound() {
         return false;
     }
-    let mut clear = field.level.is_known();
     let patches = field.patches();
+    let mut clear = field.level.is_known()
+        && field.index.all_near(point.position, RADIUS + 2.0 * LIFT, |j| {
+            field.level.is_below(j, patches.normal[j], patches.centroid[j] - point.position, point.normal)
+        });
     let begin = out.len();
-    field.index.near(point.position, RADIUS + 2.0 * LIFT, |j| {
-        let to = patches.centroid[j] - point.position;
-        clear = clear && field.level.is_below(j, patches.normal[j], to, point.normal);
-        if !field.known[j] {
-            return;
-        }
-        let normal = patches.normal[j];
+    field.index.within(point.position, RADIUS, |j| {
+        let (to, normal) = (patches.centroid[j] - point.position, patches.normal[j]);
         let distance = to.length() / (RADIUS * h);
-        if distance >= 1.0 || normal.dot(point.normal) < field.cos_threshold {
+        if !field.known[j] || distance >= 1.0 || normal.dot(point.normal) < field.cos_threshold {
             return;
         }
         // Zero between any two points of a plane or sphere; the height of a step between parallel planes.

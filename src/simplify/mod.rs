@@ -103,7 +103,8 @@ impl Simplified {
 
 /// Corners of triangle `t`.
 pub(crate) fn corners(geometry: &Geometry, t: usize) -> [Vec3; 3] {
-    geometry.triangles[t].map(|v| geometry.positions[v as usize])
+    let [a, b, c] = geometry.triangles[t];
+    [geometry.positions[a as usize], geometry.positions[b as usize], geometry.positions[c as usize]]
 }
 
 /// Unit normal of a triangle.

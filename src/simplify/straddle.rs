@@ -53,14 +53,15 @@ pub(super) fn separate(
     let first = normal(clusters[0][0]);
     let mut straddles = vec![false; clusters.len()];
     if clusters.iter().flatten().any(|&m| normal(m).dot(first).abs() < UNLIKE) {
-        let all: Vec<u32> = clusters.concat();
+        let all: Vec<Extent> = clusters.iter().flatten().map(|&m| view.extent(m)).collect();
+        let mut extents = all.iter();
         for (cluster, straddles) in clusters.iter().zip(&mut straddles) {
             let blockers = view.blockers(cluster);
             // Fragments that end at the wall between them are not cut, but do not see each other either.
             *straddles = !blockers.is_empty();
-            for &m in cluster {
-                let f = m >> 1;
-                let planes = view.contacts(m, &all, &blockers);
+            for own in extents.by_ref().take(cluster.len()) {
+                let f = own.member >> 1;
+                let planes = view.contacts(own, &all, &blockers);
                 if planes.is_empty() {
                     continue;
                 }
@@ -92,6 +93,21 @@ pub(super) fn separate(
     Separated { cuts, groups }
 }
 
+/// Where a side of a fragment lies.
+struct Extent {
+    member: u32,
+    normal: Vec3,
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Extent {
+    /// Whether the boxes of both are nearer to each other than `distance`.
+    fn is_near(&self, other: &Extent, distance: f32) -> bool {
+        ((self.low - distance).cmple(other.high) & (other.low - distance).cmple(self.high)).all()
+    }
+}
+
 struct View<'a> {
     geometry: &'a Geometry,
     normals: &'a [Vec3],
@@ -109,6 +125,15 @@ impl View<'_> {
     fn normal(&self, member: u32) -> Vec3 {
         let n = self.normals[self.fragments.triangle[(member >> 1) as usize] as usize];
         if member & 1 == 1 { -n } else { n }
+    }
+
+    fn extent(&self, member: u32) -> Extent {
+        let f = (member >> 1) as usize;
+        let own = corners(self.geometry, self.fragments.triangle[f] as usize);
+        let points = self.fragments.uv(f).iter().map(|&uv| point_at(&own, uv));
+        let start = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (low, high) = points.fold(start, |(low, high), p| (low.min(p), high.max(p)));
+        Extent { member, normal: self.normal(member), low, high }
     }
 
     fn lifted(&self, member: u32, uv: Vec2) -> Vec3 {
@@ -162,32 +187,35 @@ impl View<'_> {
         found
     }
 
-    /// `blockers`, and the triangles that stand on the side `member`: whose fragments in this voxel meet it.
-    fn contacts(&self, member: u32, all: &[u32], blockers: &[u32]) -> Vec<u32> {
+    /// `blockers`, and the triangles that stand on the side `own`: whose fragments in this voxel meet it.
+    fn contacts(&self, own: &Extent, all: &[Extent], blockers: &[u32]) -> Vec<u32> {
         let mut planes = blockers.to_vec();
-        let f = (member >> 1) as usize;
-        let (own, normal) = (corners(self.geometry, self.fragments.triangle[f] as usize), self.normal(member));
-        for &other in all.iter().filter(|&&m| self.normal(m).dot(normal).abs() < UNLIKE) {
-            let t = self.fragments.triangle[(other >> 1) as usize];
-            if planes.len() == MOST_PLANES || planes.iter().any(|&p| self.same_plane(p, t)) {
+        let f = (own.member >> 1) as usize;
+        let (corners_of_own, uv) = (corners(self.geometry, self.fragments.triangle[f] as usize), self.fragments.uv(f));
+        // Where another fragment passes through a plane slightly above the side: its height over that plane.
+        let height = |p: Vec3| (p - corners_of_own[0]).dot(own.normal) - 0.5 * self.lift;
+        let edge = 1e-3 * uv_area(uv).max(0.0).sqrt() as f32;
+        // Most of a voxel full of foliage is too far away to meet the side.
+        for other in all.iter().filter(|other| other.is_near(own, self.lift)) {
+            let t = self.fragments.triangle[(other.member >> 1) as usize];
+            if other.normal.dot(own.normal).abs() >= UNLIKE
+                || planes.len() == MOST_PLANES
+                || planes.iter().any(|&p| self.same_plane(p, t))
+            {
                 continue;
             }
-            // Where the other fragment passes through a plane slightly above the side.
             let theirs = corners(self.geometry, t as usize);
-            let height = |p: Vec3| (p - own[0]).dot(normal) - 0.5 * self.lift;
-            let points: Vec<Vec3> =
-                self.fragments.uv((other >> 1) as usize).iter().map(|&p| point_at(&theirs, p)).collect();
-            let crossings: Vec<Vec3> = (0..points.len())
-                .map(|i| (points[i], points[(i + 1) % points.len()]))
-                .filter(|&(a, b)| height(a) * height(b) < 0.0)
-                .map(|(a, b)| a.lerp(b, height(a) / (height(a) - height(b))))
-                .collect();
-            if let [a, b, ..] = crossings[..] {
-                let uv = self.fragments.uv(f);
-                let edge = 1e-3 * uv_area(uv).max(0.0).sqrt() as f32;
-                if [0.25, 0.5, 0.75].iter().any(|&s| depth_inside(uv, uv_of(&own, a.lerp(b, s))) > edge) {
-                    planes.push(t);
-                }
+            let points = self.fragments.uv((other.member >> 1) as usize).iter().map(|&uv| point_at(&theirs, uv));
+            let mut crossings = points
+                .clone()
+                .zip(points.cycle().skip(1))
+                .map(|(a, b)| ((a, height(a)), (b, height(b))))
+                .filter(|(a, b)| a.1 * b.1 < 0.0)
+                .map(|(a, b)| a.0.lerp(b.0, a.1 / (a.1 - b.1)));
+            if let (Some(a), Some(b)) = (crossings.next(), crossings.next())
+                && [0.25, 0.5, 0.75].iter().any(|&s| depth_inside(uv, uv_of(&corners_of_own, a.lerp(b, s))) > edge)
+            {
+                planes.push(t);
             }
         }
         planes

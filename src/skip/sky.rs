@@ -42,7 +42,7 @@ impl Sky {
         }
         let patches: &Patches = &simplified.patches;
         let (mut met, mut left) = (0, 0);
-        index.near(x.position, RADIUS, |j| {
+        index.within(x.position, RADIUS, |j| {
             let near = |a: Vec3| a.distance(x.position) < RADIUS * simplified.grid.voxel_size as f32;
             if patches.normal[j].dot(x.normal) >= LIKE && near(patches.centroid[j]) {
                 met += self.seen[j][0];
