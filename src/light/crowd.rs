@@ -14,7 +14,8 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::{
-    DirectResult, Spared, bright,
+    DirectResult, LightSet, Spared, bright,
+    estimate::CUT,
     lamp::{Lamp, Polygon, Shape},
     lanes::{Block, NONE, WIDTH, load},
     numbers::Numbers,
@@ -54,6 +55,13 @@ impl Crowd {
     pub fn new(simplified: &Simplified, patches: &[u32], exitance: impl Fn(u32) -> Vec3) -> Crowd {
         let polygons = |i| bright::outlines(simplified, i).iter().filter_map(|o| Polygon::new(o, false)).collect();
         Crowd::of(patches.iter().map(|&i| (polygons(i), exitance(i))))
+    }
+
+    /// Of the polygons of `lights`, each a sender; none where they are so few that [`irradiance`](super::irradiance()) looks at
+    /// each, or not polygons alone.
+    pub fn of_polygons(lights: &LightSet) -> Option<Crowd> {
+        let sender = |lamp: &Lamp| Some((vec![lamp.polygon()?.clone()], PI * lamp.colour));
+        (lights.polygons && lights.lamps.len() > CUT).then(|| Crowd::of(lights.lamps.iter().filter_map(sender)))
     }
 
     /// Of senders made of polygons.
@@ -253,7 +261,8 @@ impl Scratch {
                 arrived += if self.occluded[k] { Vec3::ZERO } else { colour };
             }
             begin = end as usize;
-            *out = open * arrived / all.max(Vec3::splat(f32::MIN_POSITIVE));
+            // The share first: the largest light times a number of rays is beyond f32.
+            *out = open * (arrived / all.max(Vec3::splat(f32::MIN_POSITIVE)));
         }
         self.rays.len() as u64
     }
@@ -327,7 +336,7 @@ fn total(block: &Block) -> f32 {
 mod tests {
     use super::*;
     use crate::{
-        light::{LightSet, irradiance},
+        light::irradiance,
         sampling::hash,
         trace::{Brute, Geometry},
     };
