@@ -162,6 +162,25 @@ pub struct ErrorReport {
     pub total: ErrorParts,
     /// Vertices that the estimate looked at.
     pub vertices: usize,
+    /// Where few places carry most of the error of the sum; `None` if it lies everywhere.
+    pub peak: Option<ErrorPeak>,
+}
+
+/// A neighbourhood with at least half of the squares of the error on at most a twentieth of the area.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ErrorPeak {
+    /// Its middle, world coordinates.
+    pub position: [f64; 3],
+    /// Its radius, world units.
+    pub radius: f64,
+    /// Share of the squares.
+    pub squares: f64,
+    /// Share of the area.
+    pub area: f64,
+    /// Vertices in it that the estimate looked at.
+    pub vertices: usize,
+    /// The largest part of the error there, by the name that it has in [`ErrorParts`].
+    pub mostly: &'static str,
 }
 
 /// Errors of luminance, as shares of its mean: roots of mean squares.
