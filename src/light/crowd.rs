@@ -255,8 +255,8 @@ mod tests {
         let exact = irradiance(&lamps(), &tracer, &points, 1, 1024, SEED).irradiance;
         let lamps = lamps();
         let lit = |x: &SurfacePoint| lamps.lamps.iter().map(|l| l.unshadowed(x) as f32 * l.colour.z).sum::<f32>();
-        let weight = crowd().colour.iter().map(|c| c[..100].to_vec()).collect::<Vec<_>>();
-        let weight = (0..100).map(|j| weight[2][j] / (weight[0][j] + weight[1][j] + weight[2][j])).fold(0.0, f32::max);
+        let [red, green, blue] = crowd().colour;
+        let weight = (0..100).map(|j| blue[j] / (red[j] + green[j] + blue[j])).fold(0.0, f32::max);
         let (mut off, mut square, mut shadowed, mut bias) = (0.0, 0.0, 0, (0.0, 0.0));
         let (mut noise, mut noise_square) = (0.0, 0.0);
         for i in 0..points.len() {
