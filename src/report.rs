@@ -166,18 +166,19 @@ pub struct ErrorReport {
     pub peak: Option<ErrorPeak>,
 }
 
-/// A neighbourhood with at least half of the squares of the error on at most a twentieth of the area.
+/// The points with the largest squares, as many as have three quarters of the squares of the error, if these are on at most a
+/// twentieth of the area.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorPeak {
-    /// Its middle, world coordinates.
+    /// Their middle, weighted by the squares, world coordinates.
     pub position: [f64; 3],
-    /// Its radius, world units.
+    /// Root of their mean square distance from it, world units.
     pub radius: f64,
-    /// Share of the squares.
+    /// Their share of the squares.
     pub squares: f64,
-    /// Share of the area.
+    /// Their share of the area.
     pub area: f64,
-    /// Vertices in it that the estimate looked at.
+    /// How many of the vertices that the estimate looked at these are.
     pub vertices: usize,
     /// The largest part of the error there, by the name that it has in [`ErrorParts`].
     pub mostly: &'static str,

@@ -108,7 +108,7 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
     );
     direct.add(&indirect);
     let looked_at: Vec<f64> = places.looked_at.iter().map(|&v| places.areas[v as usize]).collect();
-    let peak = peak::find(&direct, &points, &looked_at, bake.simplified.grid.voxel_size, &scene.frame);
+    let peak = peak::find(&direct, &points, &looked_at, &scene.frame);
     let report = ErrorReport {
         direct: direct_parts,
         indirect: indirect_parts,

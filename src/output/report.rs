@@ -176,9 +176,10 @@ fn place(e: &ErrorReport, peak: &ErrorPeak) -> String {
     };
     let [x, y, z] = peak.position.map(short);
     format!(
-        "of its squares {:.0} % lie on {:.1} % of the area, near ({x}, {y}, {z}): {remedy}; elsewhere it is {:.2} %",
+        "of its squares {:.0} % lie on {:.1} % of the area, within about {} of ({x}, {y}, {z}): {remedy}; elsewhere it is {:.2} %",
         100.0 * peak.squares,
         100.0 * peak.area,
+        short(peak.radius),
         100.0 * elsewhere
     )
 }
@@ -287,6 +288,7 @@ mod tests {
     fn an_error_that_few_places_carry_is_told_with_its_place_and_the_remedy() {
         let peak = ErrorPeak {
             position: [278.0, 548.0, 279.5],
+            radius: 80.0,
             squares: 0.96,
             area: 0.01,
             mostly: "discretisation",
@@ -297,8 +299,8 @@ mod tests {
         // 4 % of the squares on 99 % of the area.
         assert_eq!(
             place(&error, &peak),
-            "of its squares 96 % lie on 1.0 % of the area, near (278.0, 548.0, 279.5): a finer --grid or --reconstruct adaptive \
-             helps there; elsewhere it is 10.05 %"
+            "of its squares 96 % lie on 1.0 % of the area, within about 80.00 of (278.0, 548.0, 279.5): a finer --grid or \
+             --reconstruct adaptive helps there; elsewhere it is 10.05 %"
         );
         assert!(place(&error, &ErrorPeak { mostly: "row_noise", ..peak }).contains("--rays"));
         assert!(place(&error, &ErrorPeak { mostly: "shadow_noise", ..peak }).contains("--point-samples"));
