@@ -172,7 +172,7 @@ fn place(e: &ErrorReport, peak: &ErrorPeak) -> String {
     let remedy = match peak.mostly {
         "shadow_noise" => "more --point-samples help there",
         "row_noise" => "more --rays or --reconstruct adaptive help there",
-        _ => "a finer --grid or --reconstruct adaptive helps there",
+        _ => "--reconstruct adaptive or a finer --grid helps there",
     };
     let [x, y, z] = peak.position.map(short);
     format!(
@@ -299,8 +299,8 @@ mod tests {
         // 4 % of the squares on 99 % of the area.
         assert_eq!(
             place(&error, &peak),
-            "of its squares 96 % lie on 1.0 % of the area, within about 80.00 of (278.0, 548.0, 279.5): a finer --grid or \
-             --reconstruct adaptive helps there; elsewhere it is 10.05 %"
+            "of its squares 96 % lie on 1.0 % of the area, within about 80.00 of (278.0, 548.0, 279.5): --reconstruct \
+             adaptive or a finer --grid helps there; elsewhere it is 10.05 %"
         );
         assert!(place(&error, &ErrorPeak { mostly: "row_noise", ..peak }).contains("--rays"));
         assert!(place(&error, &ErrorPeak { mostly: "shadow_noise", ..peak }).contains("--point-samples"));
