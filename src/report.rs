@@ -162,6 +162,26 @@ pub struct ErrorReport {
     pub total: ErrorParts,
     /// Vertices that the estimate looked at.
     pub vertices: usize,
+    /// Where few places carry most of the error of the sum; `None` if it lies everywhere.
+    pub peak: Option<ErrorPeak>,
+}
+
+/// The points with the largest squares, as many as have three quarters of the squares of the error, if these are on at most a
+/// twentieth of the area.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ErrorPeak {
+    /// Their middle, weighted by the squares, world coordinates.
+    pub position: [f64; 3],
+    /// Root of their mean square distance from it, world units.
+    pub radius: f64,
+    /// Their share of the squares.
+    pub squares: f64,
+    /// Their share of the area.
+    pub area: f64,
+    /// How many of the vertices that the estimate looked at these are.
+    pub vertices: usize,
+    /// The largest part of the error there, by the name that it has in [`ErrorParts`].
+    pub mostly: &'static str,
 }
 
 /// Errors of luminance, as shares of its mean: roots of mean squares.

@@ -11,6 +11,8 @@ use luxel::{
     output::tonemap::luminance,
     progress::Silent,
     scene::WorldLight,
+    trace::{Brute, Geometry},
+    transfer::{self, Casting, RowPoints, Rows},
 };
 
 /// A room with a lamp whose shadows are soft, and a block that hides no floor: light that nobody sees has no truth.
@@ -186,4 +188,24 @@ fn dark_from(bake: &Bake) -> f32 {
     let x = || bake.mesh.positions.iter().map(|p| p.x);
     let (low, high) = (x().fold(f32::INFINITY, f32::min), x().fold(f32::NEG_INFINITY, f32::max));
     low + (high - low) * 1.65 / 3.0
+}
+
+#[test]
+fn rows_of_other_rays_that_are_kept_are_not_cast_again() {
+    let bake = room().build().bake(&options(8, 64));
+    let points = RowPoints::new(64, 7, bake.tracer());
+    let casting = |tracer| Casting { again: 1, ..Casting::new(&bake.simplified, tracer, &[], &points) };
+    let all: Vec<u32> = (0..bake.patches().len() as u32).collect();
+    let (half, none) = (&all[..all.len() / 2], Rows::new(all.len()));
+    let mut kept = Rows::new(all.len());
+    transfer::cast(&casting(bake.tracer()), half, &[], &mut kept, &mut (), &Silent).unwrap();
+    let sent = vec![1.0; all.len()];
+    let with = |tracer, rows| transfer::receive(&casting(tracer), &all, &sent, false, rows);
+    let expected = with(bake.tracer(), &none);
+    assert!(expected.iter().filter(|e| **e > 0.9).count() > all.len() / 2);
+    assert_eq!(with(bake.tracer(), &kept), expected);
+    // Rays that find nothing change those alone that are not kept.
+    let blind = with(&Brute::new(&Geometry::default()), &kept);
+    assert_eq!(blind[..half.len()], expected[..half.len()]);
+    assert!(blind[half.len()..].iter().all(|e| *e == 0.0));
 }

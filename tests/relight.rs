@@ -241,6 +241,37 @@ fn the_cache_serves_other_lights_and_no_other_geometry() {
 }
 
 #[test]
+fn a_cached_bake_tells_the_same_error_and_casts_no_row_to_know_it() {
+    let (folder, scene) = room();
+    let [plain, cached, cache] = ["plain", "cached", "cache"].map(|name| folder.path().join(name));
+    let bake = |out: &Path, more: &[&str]| {
+        done(&[&["bake", text(&scene), "-o", text(out), "--no-preview"], &QUICK[..], more].concat());
+        let report = report(out);
+        assert!(report["error"]["indirect"]["row_noise"].as_f64().unwrap() > 0.0);
+        (report["error"].clone(), report["rays"]["form_factors"].as_u64().unwrap())
+    };
+    // A file that is replaced is another one.
+    let entry = || {
+        let files: Vec<_> = fs::read_dir(&cache).unwrap().map(|entry| entry.unwrap().metadata().unwrap()).collect();
+        assert_eq!(files.len(), 1);
+        std::os::unix::fs::MetadataExt::ino(&files[0])
+    };
+    let with = ["--cache", text(&cache)];
+    let (error, rays) = bake(&plain, &[]);
+    assert_eq!(bake(&cached, &with), (error.clone(), rays));
+    let before = entry();
+    assert_eq!(bake(&cached, &with), (error, 0));
+    // Rows of any kind that are cast are kept, which writes the file anew.
+    assert_eq!(entry(), before);
+    // A bake without an estimate keeps none of other rays: the next one adds them.
+    fs::remove_dir_all(&cache).unwrap();
+    done(&[&["bake", text(&scene), "-o", text(&cached), "--no-preview", "--no-estimate"], &QUICK[..], &with].concat());
+    let before = entry();
+    assert_eq!(bake(&cached, &with).1, 0);
+    assert_ne!(entry(), before);
+}
+
+#[test]
 fn rows_that_new_light_needs_are_added_to_the_cache() {
     // A wall parts two halves; a light in one leaves the other dark.
     let folder = tempfile::tempdir().unwrap();
@@ -302,4 +333,83 @@ fn two_bakes_may_fill_one_cache_at_once() {
     assert_eq!(fs::read_dir(&cache).unwrap().count(), 1);
     assert!(bake("d").wait().unwrap().success());
     assert_eq!(report(&folder.path().join("d"))["rows"]["cast"], 0);
+}
+
+#[test]
+fn an_orbit_gives_pictures_of_a_light_that_goes_round() {
+    let (folder, scene) = room();
+    let [file, relit, out] = ["some.lxt", "relit", "out"].map(|name| folder.path().join(name));
+    // The sky comes first, and does not go round.
+    done(&[&["prepare", text(&scene), "-o", text(&file), "--sky", "0.1,0.1,0.2"], &QUICK[..]].concat());
+    let camera = ["--exposure", "0.1", "--camera", "0,0,4:0,0,0"];
+    done(&[&["relight", text(&file), "-o", text(&relit)], &PICTURE[..], &camera].concat());
+    let orbit = ["relight", text(&file), "-o", text(&out), "--orbit", "2"];
+    // From 0.4 right of the middle to 0.6 left of it.
+    done(&[&orbit, &PICTURE[..], &camera, &["--orbit-centre", "-0.1,0,0", "--orbit-radius", "0.5"]].concat());
+    assert_eq!(command::names(&out), ["orbit-0000.exr", "orbit-0000.png", "orbit-0001.exr", "orbit-0001.png"]);
+    let left = |name: &str| {
+        let picture = image::open(out.join(name)).unwrap().to_luma8();
+        let sum = |of: &dyn Fn(u32) -> bool| -> u64 {
+            picture.enumerate_pixels().filter(|(x, ..)| of(*x)).map(|(.., value)| value[0] as u64).sum()
+        };
+        sum(&|x| x < 8) as f64 / sum(&|_| true) as f64
+    };
+    let [first, second] = ["orbit-0000.png", "orbit-0001.png"].map(left);
+    assert!(first < 0.5 && second > 0.5, "{first} {second}");
+}
+
+#[test]
+fn an_orbit_that_cannot_be_made_is_refused_before_the_bake() {
+    let (folder, scene) = room();
+    let [file, faces, out] = ["some.lxt", "faces.lxt", "out"].map(|name| folder.path().join(name));
+    done(&[&["prepare", text(&scene), "-o", text(&file)], &QUICK[..]].concat());
+    done(&[&["prepare", text(&scene), "-o", text(&faces), "--patches", "faces"], &QUICK[..]].concat());
+    let dark = ["--emit", "lamp=0,0,0"];
+    for (file, more, told) in [
+        (
+            &file,
+            &["--orbit-light", "moon"] as &[&str],
+            "there is no light \"moon\" to go round; there are: material \"lamp\"",
+        ),
+        (&file, &["--orbit-light", "1"], "there is no light \"1\" to go round"),
+        (&file, &["--sky", "1,1,1", "--orbit-light", "0"], "skies do not go round; there are: light 0 (sky), "),
+        (&file, &[dark[0], dark[1], "--sky", "1,1,1"], "skies do not go round"),
+        (&file, &dark, "has no light"),
+        (&faces, &[], "--patches surfels"),
+    ] {
+        let asked = [&["relight", text(file), "-o", text(&out), "--orbit", "2", "--json-progress"], more].concat();
+        let output = luxel(&asked);
+        let [said, told_wrong] = [command::stdout(&output), command::stderr(&output)];
+        assert_eq!(output.status.code(), Some(1), "{more:?}: {said}");
+        assert!(told_wrong.contains(told), "{more:?}: {told_wrong}");
+        // Its first stage is the light of the patches.
+        assert!(!said.contains("direct light"), "{more:?}: {said}");
+        assert!(!out.exists(), "{more:?}");
+    }
+}
+
+#[test]
+fn points_take_rows_from_the_cache_and_keep_new_ones_there() {
+    let (folder, scene) = room();
+    let [at, plain, cached, cache] =
+        ["at.txt", "plain.csv", "cached.csv", "cache"].map(|name| folder.path().join(name));
+    fs::write(&at, "0 -1 0  0 1 0\n0.9 0 0.3  -1 0 0\n").unwrap();
+    let ask = |output: &Path, more: &[&str]| {
+        done(&[&["points", text(&scene), "--at", text(&at), "-o", text(output)], &QUICK[..], more].concat())
+    };
+    ask(&plain, &[]);
+    let with = ["--cache", text(&cache)];
+    let first = ask(&cached, &with);
+    assert!(first.contains("used, all cast now and kept in "), "{first}");
+    assert!(fs::read(&cached).unwrap() == fs::read(&plain).unwrap());
+    let second = ask(&cached, &with);
+    assert!(second.contains("used, all from ") && second.contains("no ray traced"), "{second}");
+    assert!(fs::read(&cached).unwrap() == fs::read(&plain).unwrap());
+    // Bakes and points share what is there.
+    let out = folder.path().join("out");
+    done(&[&["bake", text(&scene), "-o", text(&out), "--no-preview"], &QUICK[..], &with].concat());
+    assert_eq!(report(&out)["rows"]["cast"], 0);
+    // Other light is other light.
+    ask(&cached, &["--cache", text(&cache), "--emit", "lamp=1,1,9"]);
+    assert!(fs::read(&cached).unwrap() != fs::read(&plain).unwrap());
 }

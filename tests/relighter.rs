@@ -338,6 +338,11 @@ fn numbers_without_sense_are_refused_and_change_nothing() {
     wrong(relighter.set_emission("light", Vec3::NAN), "not negative");
     wrong(relighter.set_emission("moon", Vec3::ONE), "no material \"moon\"");
     wrong(relighter.set_albedo("white", Vec3::ONE), "0.9999");
+    for k in 0..3 {
+        let mut albedo = Vec3::splat(0.5);
+        albedo[k] = f32::NAN;
+        wrong(relighter.set_albedo("white", albedo), "0.9999");
+    }
     wrong(relighter.set_options(RelightOptions { tolerance: 0.0, ..relighter.options() }), "tolerance");
     wrong(relighter.set_options(RelightOptions { patch_samples: 0, ..relighter.options() }), "samples");
     let frame = relighter.frame();
@@ -345,4 +350,55 @@ fn numbers_without_sense_are_refused_and_change_nothing() {
     assert_eq!(relighter.indirect(), before);
     let other = bake(&scene, &common::faces(options(8, 64)));
     wrong(Relighter::new(scene, other).map(drop), "surfels");
+}
+
+#[test]
+fn odd_but_sound_lights_leave_numbers_that_are_sound() {
+    let scene = cornell();
+    let mut relighter = relighter(&scene);
+    let vertex = scene.frame.to_world(relighter.bake().mesh.samples[0].position);
+    let patch = scene.frame.to_world(relighter.bake().patches().centroid[0]);
+    let number = relighter.add_light(lamp(HOME)).unwrap();
+    let sound = |relighter: &mut Relighter, what: &str| {
+        relighter.frame();
+        let is_sound = |e: &Vec3| e.is_finite() && e.min_element() >= 0.0;
+        assert!(relighter.indirect().iter().all(is_sound), "{what}: indirect");
+        assert!(relighter.direct().iter().all(is_sound), "{what}: direct");
+        let bake = relighter.bake();
+        assert!(bake.light.radiosity.iter().all(is_sound), "{what}: radiosity");
+    };
+    let point = |position: DVec3, power: f32| WorldLight::Point {
+        position,
+        intensity: Vec3::splat(power),
+        range: f64::INFINITY,
+    };
+    let rectangle = |corner: DVec3, size: f64, radiance: f32| WorldLight::Rectangle {
+        corner,
+        edge_u: size * DVec3::Z,
+        edge_v: -size * DVec3::X,
+        radiance: Vec3::splat(radiance),
+    };
+    for (light, what) in [
+        (point(vertex, 1e5), "a point on a vertex"),
+        (point(patch, 1e5), "a point on a patch"),
+        (point(patch + 1e-3 * DVec3::Y, 1e38), "as bright as numbers allow"),
+        (point(DVec3::splat(250.0), 1e-44), "as dark as numbers allow"),
+        (point(DVec3::splat(1e20), 1e30), "far away"),
+        (rectangle(vertex, 1e-4, 1e5), "a small lamp on a vertex"),
+        (rectangle(DVec3::new(250.0, 548.8, 250.0), 100.0, f32::MAX), "the brightest lamp"),
+        (rectangle(DVec3::new(5e5, 548.0, -5e5), 1e6, 1.0), "a lamp larger than the scene"),
+        (rectangle(DVec3::new(278.0, 0.001, 279.5), 100.0, 1.0), "a lamp in the floor"),
+    ] {
+        relighter.set_light(number, light).unwrap();
+        sound(&mut relighter, what);
+    }
+    // After all that, light is what it was.
+    relighter.set_light(number, lamp(DVec3::new(250.0, 470.0, 200.0))).unwrap();
+    sound(&mut relighter, "again");
+    let mut fresh = self::relighter(&scene);
+    fresh.add_light(lamp(DVec3::new(250.0, 470.0, 200.0))).unwrap();
+    fresh.frame();
+    // As where a lamp comes back.
+    let off = difference(relighter.indirect(), fresh.indirect());
+    assert!(off < 2.0 * fresh.options().tolerance / 0.5, "{off}");
 }

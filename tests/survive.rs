@@ -10,7 +10,7 @@ use std::{
     os::unix::process::ExitStatusExt,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use command::{LUXEL, names, stderr};
@@ -19,11 +19,14 @@ const TERM: i32 = 15;
 const INT: i32 = 2;
 const KILL: i32 = 9;
 
-/// Rays enough for a minute of one stage.
+/// Rays enough for a minute of one stage, with as many threads as [`bake`] has.
 const LONG: &str = "65536";
 
+/// At low priority: whoever waits for what it says, to end it there, comes first on a busy machine too.
 fn luxel() -> Command {
-    Command::new(LUXEL)
+    let mut command = Command::new("nice");
+    command.args(["-n", "5", LUXEL]);
+    command
 }
 
 fn cornell() -> PathBuf {
@@ -33,7 +36,9 @@ fn cornell() -> PathBuf {
 /// `luxel bake` of the Cornell box into `out`.
 fn bake(out: &Path, options: &[&str]) -> Command {
     let mut command = luxel();
-    command.arg("bake").arg(cornell()).arg("-o").arg(out).args(["--no-preview", "--json-progress"]).args(options);
+    command.arg("bake").arg(cornell()).arg("-o").arg(out).args(["--no-preview", "--json-progress"]);
+    // On any machine, so that none is done before it is interrupted.
+    command.args(["--threads", "2"]).args(options);
     command
 }
 
@@ -103,17 +108,24 @@ fn a_second_interrupt_ends_the_process_where_it_is_and_a_second_sigterm_does_not
     let folder = tempfile::tempdir().unwrap();
     // Work asks between slices, and a slice takes ten times the grace: 64 rows, each of some 2,400 triangles against each ray.
     let slow = ["--grid", "8", "--backend", "brute", "--patch-samples", "1", "--rays", LONG];
-    let after = |signal: i32| {
+    let after = |signal: i32| loop {
         let mut command = luxel();
         command.args(["bake", "scenes/curved_room.toml", "--json-progress", "-o"]);
         command.arg(folder.path().join("out")).args(slow);
         let mut child = run_to(command, "form factors");
         // Again and again: signals of a kind that are not yet delivered are one.
+        let mut pause = Duration::ZERO;
         while child.try_wait().unwrap().is_none() {
+            let sent = Instant::now();
             send(&child, signal);
             std::thread::sleep(Duration::from_millis(20));
+            pause = pause.max(sent.elapsed());
         }
-        (child.wait().unwrap().code(), said(&mut child))
+        let ended = (child.wait().unwrap().code(), said(&mut child));
+        // A machine that slept between two signals has shown nothing.
+        if pause < Duration::from_secs(1) {
+            break ended;
+        }
     };
     // It had no time to say why.
     assert_eq!(after(INT), (Some(128 + INT), String::new()));
@@ -192,7 +204,7 @@ fn an_interrupted_bake_that_is_resumed_writes_the_same_bytes() {
 #[test]
 fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     let folder = tempfile::tempdir().unwrap();
-    // Most of its memory are form factors.
+    // Half of its memory are form factors.
     let many = ["--grid", "32", "--rays", "16384"];
     let bake_with = |name: &str, options: &[&str]| {
         let out = folder.path().join(name);
@@ -203,9 +215,10 @@ fn form_factors_that_do_not_fit_the_memory_go_to_a_file_and_change_no_bit() {
     assert!(output.status.success(), "{}", stderr(&output));
     let [foretold, measured] =
         ["foretold_memory_bytes", "peak_memory_bytes"].map(|name| record(&free)[name].as_f64().unwrap());
-    // Chosen, not derived: what allocator and threads hold is a share of a small bake that differs between machines, but a
-    // part that was forgotten or counted twice is more. Larger scenes are measured in ARCHITECTURE.md.
-    assert!((0.6..1.6).contains(&(foretold / measured)), "{foretold} foretold, {measured} measured");
+    // Nine bakes that no constant of the model was taken from have 0.92 to 1.14, with the mean 1.02 and a standard deviation of
+    // 0.080 (ARCHITECTURE.md). One more lies, 999 times of 1000, within 5.04 (Student's t, eight degrees of freedom) times
+    // 0.080 sqrt(1 + 1/9) of the mean. The form factors are half of the memory: forgotten or counted twice they leave that.
+    assert!((0.60..1.45).contains(&(foretold / measured)), "{foretold} foretold, {measured} measured");
 
     // All of it but a quarter of the form factors: what was freed before holds some of them too.
     let rows = record(&free)["counts"]["form_factor_bytes"].as_f64().unwrap();

@@ -6,9 +6,9 @@ use super::{exchange::add, tracers::Tracers};
 use crate::{
     BakeOptions,
     estimate::VertexError,
-    light::{self, DirectResult, Known, LightSet},
+    light::{self, AS_GOOD, Crowd, DirectResult, Known, LightSet},
     options::Reconstruct,
-    progress::Progress,
+    progress::{Progress, Silent},
     reconstruct::{self, Field, PatchIndex, Senders, Stencils},
     report::Report,
     scene::SurfacePoint,
@@ -133,6 +133,17 @@ impl Bake {
         self.light(&points, samples, progress)
     }
 
+    /// As [`Bake::irradiance`], for pictures: what very many bright patches send is that of [`Bake::crowd`], if there is one.
+    pub(crate) fn seen(&self, points: &[SurfacePoint], crowd: Option<&Crowd>) -> Irradiance {
+        let points = reconstruct::clear_of_walls(self.tracer(), &self.normals, points);
+        self.light_with(&points, self.options.point_samples, crowd, &Silent)
+    }
+
+    /// The bright patches, if there are more of them than a point can look at one by one.
+    pub(crate) fn crowd(&self) -> Option<Crowd> {
+        self.bright.as_ref().and_then(Crowd::of_polygons)
+    }
+
     /// Changes how light is carried to the points that are asked for from now on; `vertices` stay as they are.
     pub fn set_reconstruct(&mut self, method: Reconstruct, gather_rays: u32) {
         self.options.reconstruct = method;
@@ -141,6 +152,16 @@ impl Bake {
 
     /// Light at points that stand clear of walls.
     pub(super) fn light(&self, points: &[SurfacePoint], samples: u32, progress: &dyn Progress) -> Irradiance {
+        self.light_with(points, samples, None, progress)
+    }
+
+    fn light_with(
+        &self,
+        points: &[SurfacePoint],
+        samples: u32,
+        crowd: Option<&Crowd>,
+        progress: &dyn Progress,
+    ) -> Irradiance {
         progress.begin("points", points.len() as u64);
         let mut all = Irradiance::default();
         for block in points.chunks(BLOCK) {
@@ -149,15 +170,22 @@ impl Bake {
                 all.indirect.resize(points.len(), Vec3::ZERO);
                 break;
             }
-            let lit = |lights: &LightSet| {
-                let result = self.sampled(lights, block, samples, self.options.seed);
+            let counted = |result: DirectResult| {
                 self.foresight.count(&result);
                 result.irradiance
             };
+            let lit = |lights: &LightSet| counted(self.sampled(lights, block, samples, self.options.seed));
             let glow = self.glow.as_ref().map(|glow| self.interpolate(block, glow, &self.patches().emitted));
             all.direct.extend(add(lit(&self.lights), glow));
             let smooth = self.interpolate(block, &self.smooth, &self.carried);
-            all.indirect.extend(add(smooth, self.bright.as_ref().map(lit)));
+            let bright = match crowd {
+                Some(crowd) => {
+                    let samples = samples.max(AS_GOOD);
+                    Some(counted(crowd.irradiance(self.tracer(), block, 1, samples, self.options.seed)))
+                }
+                None => self.bright.as_ref().map(lit),
+            };
+            all.indirect.extend(add(smooth, bright));
             progress.advance(block.len() as u64);
         }
         progress.end();

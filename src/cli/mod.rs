@@ -14,6 +14,7 @@ mod args;
 mod bake;
 mod bench;
 mod check;
+mod choices;
 mod compare;
 mod farm;
 mod keeper;

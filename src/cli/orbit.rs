@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use luxel::{
-    Error, Relighter, Result, Scene,
+    BakeOptions, Error, Relighter, Result, Scene,
     bake::Bake,
     output::{
         atomic::Staged,
@@ -11,7 +11,8 @@ use luxel::{
         tonemap::ToneMap,
     },
     progress::{self, Progress, Silent},
-    relight::{middle, orbit, outward},
+    relight::{Source, middle, orbit, outward, sources},
+    scene::WorldLight,
     transfer::Rows,
 };
 
@@ -25,7 +26,7 @@ pub struct Orbit {
     #[arg(long, value_name = "N", value_parser = parse::count)]
     orbit: Option<usize>,
     /// The light that goes round: its number, from 0 as the scene has them, or the name of an emitting material
-    /// [default: the first]
+    /// [default: the first that is no sky]
     #[arg(long, value_name = "LIGHT", requires = "orbit")]
     orbit_light: Option<String>,
     /// A point of the axis [default: the middle of the scene]
@@ -36,20 +37,36 @@ pub struct Orbit {
     orbit_radius: Option<f64>,
 }
 
-impl Orbit {
-    /// Pictures to make; `None` if there shall be no orbit.
-    pub fn frames(&self) -> Option<usize> {
-        self.orbit
-    }
+/// An orbit that can be made: pictures, and which light goes round.
+pub struct Round {
+    frames: usize,
+    light: usize,
+}
 
-    /// Lights `frames` pictures of the bake of `scene`, whose rows are all in `rows`, and writes them with one exposure. The
-    /// bake is lost.
+impl Orbit {
+    /// What is to be made of `scene`, by a bake with `options`; `None` if there shall be no orbit. Whatever is wrong with it is
+    /// told here, before the bake.
     ///
     /// # Errors
-    /// [`Error::Option`] for a light that is not there; those of [`Relighter::with_rows`] and of writing.
+    /// [`Error::Scene`] without light, [`Error::Option`] for a light that is not there or does not move, and those of
+    /// [`Relighter::check`].
+    pub fn round(&self, scene: &Scene, options: &BakeOptions) -> Result<Option<Round>> {
+        let Some(frames) = self.orbit else { return Ok(None) };
+        if !scene.has_light() {
+            return Err(Error::Scene(scene.no_light_message()));
+        }
+        Relighter::check(options)?;
+        Ok(Some(Round { frames, light: self.light(&sources(scene))? }))
+    }
+
+    /// Lights the pictures of the bake of `scene`, whose rows are all in `rows`, and writes them with one exposure. The bake is
+    /// lost.
+    ///
+    /// # Errors
+    /// Those of [`Relighter::with_rows`] and of writing.
     pub fn write(
         &self,
-        frames: usize,
+        Round { frames, light }: Round,
         (scene, bake, rows): (&Scene, Bake, &Rows),
         results: &Results,
         mut staged: Staged,
@@ -57,7 +74,6 @@ impl Orbit {
     ) -> Result<()> {
         let camera = results.picture.camera(scene, &bake);
         let mut relighter = Relighter::with_rows(scene.clone(), bake, rows)?;
-        let light = self.light(&relighter)?;
         let centre = self.orbit_centre.unwrap_or_else(|| middle(scene));
         let out = outward(scene, &relighter.sources()[light], [centre, camera.up], self.orbit_radius);
         let mut tone = results.picture.exposure.map(|exposure| ToneMap { exposure });
@@ -82,21 +98,25 @@ impl Orbit {
         staged.commit().map(drop)
     }
 
-    fn light(&self, relighter: &Relighter) -> Result<usize> {
-        let sources = relighter.sources();
+    /// The number of the light that is asked for; by default that of the first which is no sky, as skies do not turn.
+    fn light(&self, sources: &[Source]) -> Result<usize> {
         let names: Vec<&str> = sources.iter().map(|s| s.name()).collect();
-        let Some(asked) = &self.orbit_light else {
-            return if names.is_empty() { Err(Error::Option("there is no light to go round".into())) } else { Ok(0) };
+        let wrong = |what: String| Err(Error::Option(format!("{what}; there are: {}", names.join(", "))));
+        let found = match &self.orbit_light {
+            None => sources.iter().position(|s| !is_sky(s)),
+            Some(asked) => {
+                let material = format!("material \"{asked}\"");
+                let number = || asked.parse().ok().filter(|n| *n < names.len());
+                let Some(found) = names.iter().position(|name| *name == material).or_else(number) else {
+                    return wrong(format!("--orbit-light: there is no light \"{asked}\" to go round"));
+                };
+                Some(found).filter(|&k| !is_sky(&sources[k]))
+            }
         };
-        let of_material = |name: &str| name == format!("material \"{asked}\"");
-        let found = names.iter().position(|name| of_material(name));
-        let number = asked.parse().ok().filter(|n| *n < names.len());
-        found.or(number).ok_or_else(|| {
-            Error::Option(format!(
-                "there is no light \"{asked}\" to go round; there are 0 to {}: {}",
-                names.len().max(1) - 1,
-                names.join(", ")
-            ))
-        })
+        found.map_or_else(|| wrong("--orbit: skies do not go round".into()), Ok)
     }
+}
+
+fn is_sky(source: &Source) -> bool {
+    matches!(source.light(), Some(WorldLight::Sky { .. } | WorldLight::Environment(..)))
 }

@@ -40,12 +40,13 @@ pub fn run(args: &Args) -> Result<()> {
     let done = on_threads(args.running.threads, || {
         let transfer = Transfer::open(&args.file)?;
         let scene = transfer.scene(&args.lights.overrides(None), args.replace_lights)?;
+        let round = args.orbit.round(&scene, transfer.options())?;
         let mut kept = transfer.kept(&scene)?;
         let mut run = Run { progress: &progress, keeper: &mut (), deadline: None };
         let mut bake = bake::bake_with(&scene, transfer.options(), &mut kept, &mut run)?;
         bake.report.rows.from = Some(args.file.display().to_string());
-        if let Some(frames) = args.orbit.frames() {
-            args.orbit.write(frames, (&scene, bake, &kept.rows), &args.results, staged, &progress)?;
+        if let Some(round) = round {
+            args.orbit.write(round, (&scene, bake, &kept.rows), &args.results, staged, &progress)?;
             return Ok(None);
         }
         args.results.write(&scene, &mut bake, staged, &progress)?;

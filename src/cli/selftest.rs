@@ -10,7 +10,8 @@ use luxel::{
 
 use super::{
     WORSE,
-    args::{Running, Tracer, on_threads},
+    args::{Running, on_threads},
+    choices::Tracer,
     points::split,
     progress::{Style, Terminal},
     say,

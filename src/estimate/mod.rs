@@ -28,6 +28,7 @@ use crate::{
 mod coarse;
 mod local;
 mod patches;
+mod peak;
 mod spread;
 
 pub(crate) use patches::again;
@@ -106,11 +107,14 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
         || places.parts(&indirect, &light.indirect, &of_indirect),
     );
     direct.add(&indirect);
+    let looked_at: Vec<f64> = places.looked_at.iter().map(|&v| places.areas[v as usize]).collect();
+    let peak = peak::find(&direct, &points, &looked_at, &scene.frame);
     let report = ErrorReport {
         direct: direct_parts,
         indirect: indirect_parts,
         total: places.parts(&direct, &sum, &total),
         vertices: points.len(),
+        peak,
     };
     (report, VertexError { direct: of_direct, indirect: of_indirect, total })
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{LightSet, tree::Ball};
+use super::{LightSet, node::Ball};
 use crate::scene::SurfacePoint;
 
 /// How far, in radii of a receiver, a lamp beside it may be.

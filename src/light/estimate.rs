@@ -1,27 +1,24 @@
-//! Direct irradiance of receivers: who gets how many shadow rays, and what their answers add up to.
+//! Direct irradiance of receivers: who gets how many shadow rays.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
     DirectResult, Known, LightSet, Spared, View,
-    aim::{Aim, Sampler, origin},
+    aim::{Aim, Sampler},
+    answers::{Answers, Sum},
+    node::Ball,
     numbers::Numbers,
     sky,
-    tree::{Ball, Branch},
+    tree::Branch,
 };
-use crate::{
-    sampling,
-    scene::RAY_OFFSET,
-    scene::SurfacePoint,
-    trace::{RayBatch, RayTracer},
-};
+use crate::{sampling, scene::SurfacePoint, trace::RayTracer};
 
 /// Lamps and groups of lamps that a receiver looks at one by one; groups are sampled.
 pub(super) const CUT: usize = 32;
 
 /// Rays that a lamp or group gets at least.
-const LEAST: usize = 4;
+pub(super) const LEAST: usize = 4;
 
 /// Lamps within so many radii of a patch get all samples: a part of the patch says nothing of the rest.
 const NEAR: f32 = 2.0;
@@ -84,7 +81,7 @@ pub fn irradiance_where(
             for receiver in points.chunks_exact(per_receiver) {
                 work.emit(receiver);
             }
-            work.finish(tracer, out)
+            scratch.answers.sum_up(tracer, known.census, out)
         })
         .reduce(Default::default, |mut a: (u64, Spared), b| {
             a.0 += b.0;
@@ -94,39 +91,13 @@ pub fn irradiance_where(
     DirectResult { irradiance, rays, spared }
 }
 
-/// Rays of one receiver that are summed up together.
-struct Group {
-    receiver: u32,
-    /// One past its last ray.
-    end: u32,
-    sum: Sum,
-}
-
-enum Sum {
-    /// Irradiance without occluders times the weighted share of the rays that arrive, from one lamp.
-    Share(Vec3, u32),
-    /// No ray was cast: this arrives, from one lamp or from many.
-    Known(Vec3, Option<u32>),
-    /// Every ray that arrives adds its own colour.
-    Colours,
-}
-
 #[derive(Default)]
 struct Scratch {
-    rays: RayBatch,
-    weights: Vec<f32>,
-    /// Of the rays of `Sum::Colours`; of others unused.
-    colours: Vec<Vec3>,
-    occluded: Vec<bool>,
-    groups: Vec<Group>,
+    answers: Answers,
     cut: Vec<Branch>,
     /// Of every lamp of the cut, then of the suns, the unshadowed irradiance by unit colour at the first points; of every
     /// branch its importance.
     expected: Vec<f64>,
-    receivers: u32,
-    /// Whether all rays of the receiver arrive, so that none is cast.
-    free: bool,
-    spared: Spared,
 }
 
 struct Work<'a> {
@@ -139,18 +110,19 @@ struct Work<'a> {
 impl Work<'_> {
     /// Writes the shadow rays of one receiver.
     fn emit(&mut self, points: &[SurfacePoint]) {
-        self.scratch.receivers += 1;
+        self.scratch.answers.next();
         if !points.iter().all(SurfacePoint::is_sound) {
             return;
         }
         let identity = self.numbers.identity(&points[0]);
         let view = if self.known.skip { (self.known.view)(points) } else { View::Unknown };
-        self.scratch.free = view == View::Clear;
-        self.scratch.spared.clear_receivers += self.scratch.free as u64;
-        let before = self.scratch.spared.clear;
+        let answers = &mut self.scratch.answers;
+        answers.set_free(view == View::Clear);
+        answers.spared.clear_receivers += (view == View::Clear) as u64;
+        let before = answers.spared.clear;
         self.emit_lamps(points, identity);
         let all = self.numbers.len() as u64;
-        let spared = &mut self.scratch.spared;
+        let spared = &mut self.scratch.answers.spared;
         match view {
             _ if self.lights.polygons => {}
             _ if self.known.skip && !self.lights.sky.is_lit() => spared.black_sky += all,
@@ -160,9 +132,9 @@ impl Work<'_> {
             }
             View::AllSky(rays) => {
                 spared.lose_sky(rays);
-                self.scratch.free = true;
+                self.scratch.answers.set_free(true);
                 self.emit_sky(points, sampling::hash(&[identity, u64::MAX]));
-                let spared = &mut self.scratch.spared;
+                let spared = &mut self.scratch.answers.spared;
                 spared.all_sky += std::mem::replace(&mut spared.clear, before) - before;
             }
             _ => self.emit_sky(points, sampling::hash(&[identity, u64::MAX])),
@@ -211,7 +183,7 @@ impl Work<'_> {
             let missing = |lamp: &u32| !cut.iter().any(|&b| lights.tree.lamp(b) == Some(*lamp));
             for lamp in (0..lights.lamps.len() as u32).filter(|l| !lights.suns.contains(l)).filter(missing) {
                 self.emit_away(lamp, &points[0]);
-                self.scratch.close(Sum::Share(Vec3::ZERO, lamp));
+                self.scratch.answers.close(Sum::Share(Vec3::ZERO, lamp));
             }
         }
         self.scratch.cut = cut;
@@ -223,21 +195,22 @@ impl Work<'_> {
         let lamp = &self.lights.lamps[id as usize];
         let mut unshadowed = 0.0;
         if self.lights.is_dark(id) {
-            self.scratch.spared.dark_lamps += if lamp.is_point_like() && points.len() == 1 { 1 } else { n as u64 };
+            self.scratch.answers.spared.dark_lamps +=
+                if lamp.is_point_like() && points.len() == 1 { 1 } else { n as u64 };
             return;
         }
         if let [x] = points {
             unshadowed = expected;
             if unshadowed == 0.0 {
                 self.emit_away(id, x);
-                return self.scratch.close(Sum::Share(Vec3::ZERO, id));
+                return self.scratch.answers.close(Sum::Share(Vec3::ZERO, id));
             }
             let n = if lamp.is_point_like() { 1 } else { n };
             let sampler = Sampler::new(lamp, x);
             for k in 0..n {
                 let [u, v, _] = self.numbers.shifted(k, shift);
                 if let Some(aim) = sampler.aim(x, u, v) {
-                    self.scratch.push(x, &aim, aim.weight as f32, Vec3::ZERO);
+                    self.scratch.answers.push(x, &aim, aim.weight as f32, Vec3::ZERO);
                 }
             }
         } else {
@@ -252,23 +225,23 @@ impl Work<'_> {
                 unshadowed += here / n as f64;
                 let [u, v, _] = self.numbers.shifted(k, shift);
                 if let Some(aim) = Sampler::new(lamp, x).aim(x, u, v) {
-                    self.scratch.push(x, &aim, aim.weight as f32, Vec3::ZERO);
+                    self.scratch.answers.push(x, &aim, aim.weight as f32, Vec3::ZERO);
                 }
             }
         }
         // A finite light times a share of nothing must be nothing.
-        self.scratch.close(Sum::Share((lamp.colour * unshadowed as f32).min(Vec3::MAX), id));
+        self.scratch.answers.close(Sum::Share((lamp.colour * unshadowed as f32).min(Vec3::MAX), id));
     }
 
     /// A ray to a lamp that gives nothing to `x`: it is left out, or cast without a weight.
     fn emit_away(&mut self, lamp: u32, x: &SurfacePoint) {
         if self.known.skip {
-            self.scratch.spared.away += 1;
+            self.scratch.answers.spared.away += 1;
             return;
         }
         let aim = Aim::idle(&self.lights.lamps[lamp as usize], x);
         if aim.direction != Vec3::ZERO {
-            self.scratch.push(x, &aim, 0.0, Vec3::ZERO);
+            self.scratch.answers.push(x, &aim, 0.0, Vec3::ZERO);
         }
     }
 
@@ -282,10 +255,10 @@ impl Work<'_> {
             let lamp = &self.lights.lamps[lamp as usize];
             if let Some(aim) = Sampler::new(lamp, x).aim(x, u, v) {
                 let colour = lamp.colour * (aim.weight / (probability * n as f64)).min(f32::MAX as f64) as f32;
-                self.scratch.push(x, &aim, 1.0, colour);
+                self.scratch.answers.push(x, &aim, 1.0, colour);
             }
         }
-        self.scratch.close(Sum::Colours);
+        self.scratch.answers.close(Sum::Colours);
     }
 
     /// Cosine-distributed rays for all of the sky, and rays towards the bright texels of uneven images; both estimate
@@ -310,9 +283,9 @@ impl Work<'_> {
                 colour += map.radiance(texel) * (cos * per_ray / (cos * FRAC_1_PI + other));
             }
             if colour != Vec3::ZERO || !self.known.skip {
-                self.scratch.push(x, &Aim { direction, t_max: f32::INFINITY, weight: 1.0 }, 1.0, colour);
+                self.scratch.answers.push(x, &Aim { direction, t_max: f32::INFINITY, weight: 1.0 }, 1.0, colour);
             } else {
-                self.scratch.spared.black_sky += 1;
+                self.scratch.answers.spared.black_sky += 1;
             }
         }
         for (i, map) in sky.maps.iter().enumerate().filter(|(_, m)| m.uneven) {
@@ -324,11 +297,11 @@ impl Work<'_> {
                 let cos = x.normal.dot(direction);
                 if cos > 0.0 {
                     let colour = map.radiance(texel) * (cos * per_ray / (cos * FRAC_1_PI + map.pdf(texel) as f32));
-                    self.scratch.push(x, &Aim { direction, t_max: f32::INFINITY, weight: 1.0 }, 1.0, colour);
+                    self.scratch.answers.push(x, &Aim { direction, t_max: f32::INFINITY, weight: 1.0 }, 1.0, colour);
                 }
             }
         }
-        self.scratch.close(Sum::Colours);
+        self.scratch.answers.close(Sum::Colours);
     }
 
     /// Where a run of `n` samples starts: an aligned run of a Sobol sequence is stratified in itself, and different
@@ -336,91 +309,5 @@ impl Work<'_> {
     fn first_sample(&self, n: usize, shift: u64) -> usize {
         let runs = self.numbers.len() / n;
         n * ((shift >> 8) as usize % runs)
-    }
-
-    /// Traces what was emitted, adds it up in order, and returns the number of rays.
-    fn finish(self, tracer: &dyn RayTracer, out: &mut [Vec3]) -> (u64, Spared) {
-        let s = self.scratch;
-        s.occluded.clear();
-        s.occluded.resize(s.rays.len(), false);
-        tracer.occluded(&s.rays, &mut s.occluded);
-        let mut begin = 0;
-        for group in &s.groups {
-            let range = begin..group.end as usize;
-            begin = range.end;
-            let arrived = match group.sum {
-                Sum::Share(unshadowed, lamp) => {
-                    let (mut arrived, mut all) = (0.0_f64, 0.0_f64);
-                    let cast = range.len() as u64;
-                    for k in range {
-                        let weight = s.weights[k] as f64;
-                        all += weight;
-                        arrived += if s.occluded[k] { 0.0 } else { weight };
-                    }
-                    if let Some(census) = self.known.census {
-                        census.enter(lamp, cast, arrived > 0.0);
-                    }
-                    if all > 0.0 { unshadowed * (arrived / all) as f32 } else { Vec3::ZERO }
-                }
-                Sum::Known(arrives, lamp) => {
-                    if let (Some(census), Some(lamp)) = (self.known.census, lamp) {
-                        census.enter(lamp, 0, arrives != Vec3::ZERO);
-                    }
-                    arrives
-                }
-                Sum::Colours => range.filter(|&k| !s.occluded[k]).map(|k| s.colours[k]).sum(),
-            };
-            let sum = &mut out[group.receiver as usize];
-            *sum = (*sum + arrived).min(Vec3::MAX);
-        }
-        let done = (s.rays.len() as u64, s.spared);
-        s.clear();
-        done
-    }
-}
-
-impl Scratch {
-    fn push(&mut self, x: &SurfacePoint, aim: &Aim, weight: f32, colour: Vec3) {
-        // What lies nearer than the offset is the surface itself, or one that meets it here.
-        let t_min = RAY_OFFSET * aim.direction.length_recip();
-        self.rays.push(origin(x), aim.direction, t_min, aim.t_max);
-        self.weights.push(weight);
-        self.colours.push(colour);
-    }
-
-    fn close(&mut self, sum: Sum) {
-        let (begin, end) = (self.groups.last().map_or(0, |g| g.end), self.rays.len() as u32);
-        if begin == end {
-            return;
-        }
-        let receiver = self.receivers - 1;
-        if !self.free {
-            self.groups.push(Group { receiver, end, sum });
-            return;
-        }
-        // The same sums as of rays that all arrive.
-        let own = begin as usize..end as usize;
-        let known = match sum {
-            Sum::Share(unshadowed, lamp) if self.weights[own.clone()].iter().any(|&w| w > 0.0) => {
-                Sum::Known(unshadowed, Some(lamp))
-            }
-            Sum::Share(_, lamp) => Sum::Known(Vec3::ZERO, Some(lamp)),
-            Sum::Known(..) => sum,
-            Sum::Colours => Sum::Known(self.colours[own].iter().sum(), None),
-        };
-        self.spared.clear += (end - begin) as u64;
-        self.rays.resize(begin as usize);
-        self.weights.truncate(begin as usize);
-        self.colours.truncate(begin as usize);
-        self.groups.push(Group { receiver, end: begin, sum: known });
-    }
-
-    fn clear(&mut self) {
-        self.rays.clear();
-        self.weights.clear();
-        self.colours.clear();
-        self.groups.clear();
-        self.receivers = 0;
-        self.spared = Spared::default();
     }
 }

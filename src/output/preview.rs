@@ -7,7 +7,8 @@ use super::{Sight, camera::View, emission, hidden_backs, tonemap::ToneMap};
 use crate::{
     Scene,
     bake::Bake,
-    progress::{Progress, Silent},
+    light::Crowd,
+    progress::Progress,
     scene::{Camera, SurfacePoint},
     trace::{Hit, RayBatch},
 };
@@ -122,7 +123,7 @@ pub fn render(
 ) -> Preview {
     let view = View::new(camera, &scene.frame, width as f32 / height as f32);
     let emission = (0..2 * scene.triangles.len()).map(|face| emission(scene, face / 2, face % 2 == 1)).collect();
-    let picture = Picture { scene, bake, view, width, height, emission };
+    let picture = Picture { scene, bake, view, width, height, emission, crowd: bake.crowd() };
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     progress.begin("preview", width as u64 * height as u64);
     let mut preview = Preview::black(width, height);
@@ -153,6 +154,8 @@ struct Picture<'a> {
     height: u32,
     /// By [`Hit::face`].
     emission: Vec<Vec3>,
+    /// Very many bright patches.
+    crowd: Option<Crowd>,
 }
 
 impl Picture<'_> {
@@ -233,7 +236,7 @@ impl Picture<'_> {
                 );
             seen.push(Seen { pixel: i / SAMPLES.len(), point, albedo, light });
         }
-        let light = self.bake.irradiance(&points, &Silent);
+        let light = self.bake.seen(&points, self.crowd.as_ref());
         for s in &seen {
             let reflected = s.albedo / std::f32::consts::PI;
             pixels[s.pixel].direct += reflected * light.direct[s.light];

@@ -85,7 +85,8 @@ impl Relighter {
     /// # Errors
     /// [`Error::Option`] if there is no such material, or `albedo` is not from 0 to 0.9999.
     pub fn set_albedo(&mut self, name: &str, albedo: Vec3) -> Result<()> {
-        if !(albedo.min_element() >= 0.0 && albedo.max_element() <= ALBEDO_MAX) {
+        // What is no number hides from the least and the largest of three.
+        if !albedo.to_array().iter().all(|a| (0.0..=ALBEDO_MAX).contains(a)) {
             return Err(Error::Option(format!("albedo {albedo} must have three numbers from 0 to {ALBEDO_MAX}")));
         }
         for material in self.materials(name)? {

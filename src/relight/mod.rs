@@ -10,7 +10,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{
-    Error, Result, Scene,
+    BakeOptions, Error, Result, Scene,
     bake::{Bake, RelitLight},
     light::{self, LightSet},
     options::PatchSource,
@@ -64,10 +64,20 @@ const TOLERANCE: f64 = 1e-3;
 /// A patch that is all but hidden is not trusted with more than one over this factor.
 const LEAST_SEEN: f32 = 0.05;
 
+/// The lights of a scene as a [`Relighter`] of it numbers them before any is added: those that are no surfaces, then one for
+/// each emitting material in the order of the materials.
+pub fn sources(scene: &Scene) -> Vec<Source> {
+    let lights = scene.lights.iter().enumerate().map(|(i, light)| Source::of_scene(i, light, scene));
+    let emitting = (0..scene.triangles.len()).filter(|&t| scene.emission(t) != Vec3::ZERO);
+    let mut materials: Vec<u32> = emitting.map(|t| scene.triangles[t].material).collect();
+    materials.sort_unstable();
+    materials.dedup();
+    lights.chain(materials.into_iter().map(|m| Source::of_material(m, scene))).collect()
+}
+
 /// A baked scene whose lights and albedos can be changed at frame rate.
 ///
-/// Lights: the scene's own in their order, then one for each emitting material in the order of the materials, then
-/// those that were added. A moved light blocks no rays. If it is a material, its triangles stay where they are and are dark
+/// Lights: those of [`sources`], then those that were added. A moved light blocks no rays. If it is a material, its triangles stay where they are and are dark
 /// from then on; they still block rays.
 pub struct Relighter {
     scene: Scene,
@@ -102,11 +112,7 @@ impl Relighter {
     /// # Errors
     /// [`Error::Option`] if the patches of the bake are not pieces of the surfaces, or `scene` is another one.
     pub fn new(scene: Scene, bake: Bake) -> Result<Relighter> {
-        if bake.options.patches != PatchSource::Surfels {
-            return Err(Error::Option(
-                "relighting needs patches that are pieces of the surfaces: --patches surfels".into(),
-            ));
-        }
+        Relighter::check(&bake.options)?;
         if bake.simplified.geometry.positions != scene.positions
             || bake.simplified.geometry.triangles.len() != scene.triangles.len()
         {
@@ -117,14 +123,7 @@ impl Relighter {
             point_samples: bake.options.point_samples,
             tolerance: TOLERANCE,
         };
-        let mut sources: Vec<Source> =
-            scene.lights.iter().enumerate().map(|(i, light)| Source::of_scene(i, light, &scene)).collect();
-        let emitting = (0..scene.triangles.len()).filter(|&t| scene.emission(t) != Vec3::ZERO);
-        let mut materials: Vec<u32> = emitting.map(|t| scene.triangles[t].material).collect();
-        materials.sort_unstable();
-        materials.dedup();
-        sources.extend(materials.into_iter().map(|m| Source::of_material(m, &scene)));
-
+        let sources = sources(&scene);
         let transport = Transport::new(&bake.form_factors);
         let mut relighter = Relighter {
             factors: bake.factors().renamed(&transport.places(bake.form_factors.len())),
@@ -153,6 +152,17 @@ impl Relighter {
         relighter.take_albedo();
         relighter.place_points();
         Ok(relighter)
+    }
+
+    /// Whether bakes with these options can be taken over: tells that before one is made.
+    ///
+    /// # Errors
+    /// [`Error::Option`] if patches are not pieces of the surfaces.
+    pub fn check(options: &BakeOptions) -> Result<()> {
+        if options.patches == PatchSource::Surfels {
+            return Ok(());
+        }
+        Err(Error::Option("relighting needs patches that are pieces of the surfaces: --patches surfels".into()))
     }
 
     /// As [`Relighter::new`], but light is exchanged between all patches that have a row in `rows`: those that

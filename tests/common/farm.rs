@@ -14,7 +14,7 @@ use std::{
 use command::LUXEL;
 
 /// Far above what anything here takes on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// Runs a command that must succeed; gives its standard output.
 pub fn run(command: &mut Command) -> String {
