@@ -10,7 +10,8 @@ use luxel::{
     options::{PatchSource, Primary, Reconstruct, Resolution},
     output::tonemap::luminance,
     progress::Silent,
-    scene::WorldLight,
+    reference::{self, ReferenceOptions, Until},
+    scene::{SurfacePoint, WorldLight},
     trace::{Brute, Geometry},
     transfer::{self, Casting, RowPoints, Rows},
 };
@@ -133,6 +134,45 @@ fn the_true_error_is_within_twice_the_estimate_and_half_of_it() {
             assert!((0.5..2.0).contains(&(said / is)), "{name}: {said} for {is}");
         }
     }
+}
+
+#[test]
+fn grooves_that_no_voxel_knows_of_are_in_the_estimate() {
+    // Pleats half a voxel wide and as high: light falls towards their bottoms within the reach of a single patch.
+    const PLEATS: usize = 16;
+    const WIDTH: f64 = 0.05;
+    let mut world = World::new();
+    let wall = world.grey(0.7, 0.0);
+    world.room(DVec3::ZERO, DVec3::new(1.3, 1.0, 0.8), wall);
+    let ridge = |k: usize| DVec3::new(0.25 + 0.5 * WIDTH * k as f64, 0.2, 0.3 + WIDTH * (k % 2) as f64);
+    for k in 0..2 * PLEATS {
+        world.quad("pleats", ridge(k), ridge(k + 1) - ridge(k), DVec3::Y * 0.6, wall);
+    }
+    world.point_light(DVec3::new(0.9, 0.5, 0.7), 10.0);
+    let mut scene = world.build().scene;
+    for t in &mut scene.triangles {
+        t.two_sided = scene.meshes[t.mesh as usize] == "pleats";
+    }
+
+    let bake = luxel::bake(&scene, &estimated(options(12, 256)), &Silent).unwrap();
+    let areas = areas(&bake);
+    let chosen: Vec<usize> = (0..areas.len()).step_by(3).collect();
+    let points: Vec<SurfacePoint> = chosen.iter().map(|&v| bake.mesh.samples[v]).collect();
+    let paths = ReferenceOptions { until: Until::Samples(1024), seed: 1 };
+    let truth = reference::irradiance(&scene, bake.tracer(), &points, &paths, &Silent).unwrap();
+    let (light, areas): (Vec<f64>, Vec<f64>) =
+        chosen.iter().map(|&v| (luminance(bake.vertices.indirect[v]) as f64, areas[v])).unzip();
+    let noisy = relative_rmse(&light, &bright(&truth.indirect), &areas);
+    let noise: Vec<f64> =
+        bright(&truth.indirect).iter().zip(&truth.indirect_luminance_error).map(|(e, noise)| e + noise).collect();
+    let noise = relative_rmse(&noise, &bright(&truth.indirect), &areas);
+    let square = noisy.powi(2) - noise.powi(2);
+    // Squares of the noise of so many points scatter by sqrt(2 / n) of their mean.
+    let scatter = noise.powi(2) * (2.0 / points.len() as f64).sqrt();
+    let (is, said) = (square.sqrt(), bake.report.error.expect("an estimate").indirect);
+    println!("{is:.4}, of a reference with noise {noise:.4}; estimated {said:?}");
+    assert!(4.0 * scatter < square, "{scatter} of {square}");
+    assert!((0.5..2.0).contains(&(said.total / is)), "{said:?} for {is}");
 }
 
 #[test]

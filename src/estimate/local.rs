@@ -37,7 +37,10 @@ impl Local {
 
     /// Adds the variance at a point that has `light`, for an `area`.
     pub fn add(&mut self, point: &SurfacePoint, area: f64, variance: f64, light: f64) {
-        let own = Sum { variance: area * variance, light: area * (light * light + self.floor), count: 1.0 };
+        // A dark place may be off by much more than its light: of brighter ones around it that says no more than that they
+        // may be off by theirs.
+        let square = light * light + self.floor + variance.max(0.0);
+        let own = Sum { variance: area * variance, light: area * square, count: 1.0 };
         self.whole.add(own);
         for level in 0..EDGES.len() {
             let key = self.key(point, level);
@@ -83,22 +86,35 @@ mod tests {
 
     use super::*;
 
+    /// A variance far below the square of light.
+    const SMALL: f64 = 1e-4;
+
     #[test]
     fn a_neighbourhood_with_many_values_speaks_for_itself_and_one_without_for_the_whole() {
         let grid = Grid { origin: DVec3::ZERO, voxel_size: 1.0, dims: [64, 64, 64] };
         let at = |x: f32| SurfacePoint { position: Vec3::new(x, 0.5, 0.5), normal: Vec3::Z };
         let mut local = Local::new(grid, 0.0);
         for _ in 0..200 {
-            local.add(&at(1.0), 1.0, 4.0, 1.0);
-            local.add(&at(33.0), 1.0, 1.0, 1.0);
+            local.add(&at(1.0), 1.0, SMALL, 1.0);
+            local.add(&at(33.0), 1.0, 0.25 * SMALL, 1.0);
         }
         let near = |a: f64, b: f64| (a / b - 1.0).abs() < 0.03;
-        assert!(near(local.variance(&at(2.0), 1.0), 4.0));
-        assert!(near(local.variance(&at(34.0), 1.0), 1.0));
-        assert_eq!(local.variance(&at(60.0), 1.0), 2.5);
+        assert!(near(local.variance(&at(2.0), 1.0), SMALL / (1.0 + SMALL)));
+        assert!(near(local.variance(&at(34.0), 1.0), 0.25 * SMALL));
+        let all = 1.25 * SMALL / (2.0 + 1.25 * SMALL);
+        assert!(near(local.variance(&at(60.0), 1.0), all));
         // Variance goes with the square of light, and sides are apart.
-        assert!(near(local.variance(&at(2.0), 10.0), 400.0));
+        assert!(near(local.variance(&at(2.0), 10.0), 100.0 * SMALL));
         let below = SurfacePoint { normal: Vec3::NEG_Z, ..at(2.0) };
-        assert_eq!(local.variance(&below, 1.0), 2.5);
+        assert!(near(local.variance(&below, 1.0), all));
+    }
+
+    #[test]
+    fn an_error_far_beyond_the_light_of_a_place_says_of_brighter_ones_that_theirs_is_in_doubt() {
+        let grid = Grid { origin: DVec3::ZERO, voxel_size: 1.0, dims: [64, 64, 64] };
+        let at = SurfacePoint { position: Vec3::ONE, normal: Vec3::Z };
+        let mut local = Local::new(grid, 1.0);
+        local.add(&at, 1.0, 1.0, 0.0);
+        assert!(local.variance(&at, 1.0) <= 1.0 + FLOOR * FLOOR);
     }
 }

@@ -5,8 +5,9 @@
 //! variance of one. **Discretisation**: patches have one radiosity each, and light between them is interpolated. The
 //! same system is solved again on patches of twice the size, made by averaging its own rows, so that both solutions
 //! have nearly the same noise; what they differ by at the vertices tells what the patches of the bake cost
-//! (`coarse.rs`). Where points gather in doubt, others are held against gathers instead: what those tell more is what
-//! interpolation costs.
+//! (`coarse.rs`). Neither level knows of what is smaller than its voxels, a groove or the crack under a door. So where
+//! interpolation is in doubt vertices are held against rays of their own (`gathers.rs`), and everywhere if vertices in
+//! doubt gather anyway.
 //!
 //! Both are taken at some of the vertices and then told of all by local means (`local.rs`).
 
@@ -18,6 +19,7 @@ use crate::{
     bake::Bake,
     colour::luminance,
     light::LightSet,
+    reconstruct::{self, Stencils},
     report::{ErrorParts, ErrorReport},
     sampling,
     scene::SurfacePoint,
@@ -26,6 +28,7 @@ use crate::{
 };
 
 mod coarse;
+mod gathers;
 mod local;
 mod patches;
 mod peak;
@@ -48,16 +51,19 @@ pub struct VertexError {
     pub total: Vec<f32>,
 }
 
-/// Share of the vertices that are looked at; and where vertices cast many rays of their own, as each then does three times.
+/// Share of the vertices that are looked at; and where vertices cast many rays of their own, as each then does twice more.
 const SHARE: f64 = 1.0 / 8.0;
 const GATHERING_SHARE: f64 = 1.0 / 32.0;
 /// Vertices that are looked at at least, where there are as many.
-const LEAST: usize = 1024;
+const LEAST: usize = 512;
 /// And at most, or so. The root of the mean of so many squares is known to 1/180 if they are normally distributed, and to 4 %
 /// if their fourth moment is a hundred times the square of the second.
 const MOST: f64 = 16384.0;
+/// Vertices in doubt that are looked at at most, or so, in bakes that interpolate there: gathers are most of the work.
+const MOST_IN_DOUBT: f64 = 512.0;
 /// Purpose words of random bits.
 const CHOICE: u64 = 0x0065_7374;
+const FEWER: u64 = 0x6665_7765;
 const AGAIN: u64 = 0x6167_6169;
 
 /// Variances at the vertices that are looked at, (W/m2)2.
@@ -74,31 +80,29 @@ struct Variance {
 ///
 /// `again` holds rows of other rays; those that are not there are cast. Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
 pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again: &Rows) -> (ErrorReport, VertexError) {
-    let share = if bake.options.reconstruct.gathers() { GATHERING_SHARE } else { SHARE };
-    let vertices = bake.mesh.samples.len();
-    let share = share.min(MOST / vertices as f64);
-    let looked_at = chosen(vertices, share, LEAST, bake.options.seed ^ CHOICE);
-    let points: Vec<SurfacePoint> = looked_at.iter().map(|&v| bake.mesh.samples[v as usize]).collect();
+    let looked_at = LookedAt::choose(bake);
+    let points = &looked_at.points;
     // The first sample is there, where it stands alone.
-    let first = bake.glow.is_none().then(|| looked_at.iter().map(|&v| bake.vertices.direct[v as usize]).collect());
+    let first =
+        bake.glow.is_none().then(|| looked_at.vertices.iter().map(|&v| bake.vertices.direct[v as usize]).collect());
     // Each has parts for one thread: they go beside each other, here and below.
     let (coarse, (mut direct, areas)) = rayon::join(
         || Coarse::new(scene, bake),
-        || (Variance::of_shadow_rays(bake, &bake.lights, &points, first), vertex_areas(bake)),
+        || (Variance::of_shadow_rays(bake, &bake.lights, points, first), vertex_areas(bake)),
     );
     if let Some(glow) = &bake.glow {
         let field = Field { received: glow, sent: &bake.patches().emitted, reflects: false };
-        direct.add(&patches::variance(bake, &coarse, &field, &points, row_points, again));
+        direct.add(&patches::variance(bake, &coarse, &field, &looked_at, row_points, again));
     }
     let field = Field { received: &bake.smooth, sent: &bake.carried, reflects: true };
-    let mut indirect = patches::variance(bake, &coarse, &field, &points, row_points, again);
+    let mut indirect = patches::variance(bake, &coarse, &field, &looked_at, row_points, again);
     if let Some(bright) = &bake.bright {
-        indirect.add(&Variance::of_shadow_rays(bake, bright, &points, None));
+        indirect.add(&Variance::of_shadow_rays(bake, bright, points, None));
     }
 
     let light = &bake.vertices;
     let sum: Vec<Vec3> = light.direct.iter().zip(&light.indirect).map(|(a, b)| *a + *b).collect();
-    let places = Places { bake, areas, looked_at };
+    let places = Places { bake, areas, looked_at: &looked_at };
     let (of_direct, of_indirect) =
         rayon::join(|| places.spread(&direct, &light.direct), || places.spread(&indirect, &light.indirect));
     let total: Vec<f32> = of_direct.iter().zip(&of_indirect).map(|(a, b)| a.hypot(*b)).collect();
@@ -107,8 +111,7 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
         || places.parts(&indirect, &light.indirect, &of_indirect),
     );
     direct.add(&indirect);
-    let looked_at: Vec<f64> = places.looked_at.iter().map(|&v| places.areas[v as usize]).collect();
-    let peak = peak::find(&direct, &points, &looked_at, &scene.frame);
+    let peak = peak::find(&direct, points, &places.areas_looked_at(), &scene.frame);
     let report = ErrorReport {
         direct: direct_parts,
         indirect: indirect_parts,
@@ -117,6 +120,41 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
         peak,
     };
     (report, VertexError { direct: of_direct, indirect: of_indirect, total })
+}
+
+/// Vertices whose errors are measured, and told of all.
+struct LookedAt {
+    vertices: Vec<u32>,
+    points: Vec<SurfacePoint>,
+    /// Where interpolation is in doubt.
+    doubt: Vec<bool>,
+    /// How many vertices of its kind each stands for.
+    weight: Vec<f64>,
+    /// Which patches the points see.
+    stencils: Stencils,
+}
+
+impl LookedAt {
+    /// Some of all vertices; fewer of those in doubt where that spares gathers.
+    fn choose(bake: &Bake) -> LookedAt {
+        let (seed, gathers) = (bake.options.seed, bake.options.reconstruct.gathers());
+        let count = bake.mesh.samples.len();
+        let share = if gathers { GATHERING_SHARE } else { SHARE };
+        let all = chosen(count, share.min(MOST / count as f64), LEAST, seed ^ CHOICE);
+        let points = |of: &[u32]| of.iter().map(|&v| bake.mesh.samples[v as usize]).collect::<Vec<SurfacePoint>>();
+        let field = bake.field(&bake.smooth, &bake.carried);
+        let places = points(&all);
+        let stencils = Stencils::new(&field, &places);
+        let doubt = reconstruct::in_doubt(&reconstruct::Field { stencils: Some(&stencils), ..field }, &places);
+
+        let in_doubt = doubt.iter().filter(|&&d| d).count();
+        let share = if gathers { 1.0 } else { (MOST_IN_DOUBT / in_doubt as f64).min(1.0) };
+        let stays = |v: u32, doubt: bool| !doubt || is_chosen(v, share, seed ^ FEWER);
+        let (vertices, doubt): (Vec<u32>, Vec<bool>) = all.into_iter().zip(doubt).filter(|&(v, d)| stays(v, d)).unzip();
+        let each = in_doubt as f64 / doubt.iter().filter(|&&d| d).count() as f64;
+        let weight = doubt.iter().map(|&d| if d { each } else { 1.0 }).collect();
+        LookedAt { points: points(&vertices), vertices, doubt, weight, stencils }
+    }
 }
 
 impl Variance {
@@ -142,7 +180,7 @@ struct Places<'a> {
     bake: &'a Bake,
     /// Of all vertices.
     areas: Vec<f64>,
-    looked_at: Vec<u32>,
+    looked_at: &'a LookedAt,
 }
 
 impl Places<'_> {
@@ -150,9 +188,9 @@ impl Places<'_> {
     fn spread(&self, variance: &Variance, light: &[Vec3]) -> Vec<f32> {
         let samples = &self.bake.mesh.samples;
         let mut local = Local::new(self.bake.simplified.grid, self.mean(light));
-        for (k, &v) in self.looked_at.iter().enumerate() {
+        for (k, &v) in self.looked_at.vertices.iter().enumerate() {
             let (v, all) = (v as usize, variance.shadow[k] + variance.rows[k] + variance.detail[k]);
-            local.add(&samples[v], self.areas[v], all, luminance(light[v]));
+            local.add(&samples[v], self.looked_at.weight[k] * self.areas[v], all, luminance(light[v]));
         }
         let sigma = |(p, e): (&SurfacePoint, &Vec3)| local.variance(p, luminance(*e)).max(0.0).sqrt() as f32;
         samples.par_iter().zip(light).map(sigma).collect()
@@ -164,10 +202,10 @@ impl Places<'_> {
         if mean <= 0.0 {
             return ErrorParts::default();
         }
-        let area = |v: u32| self.areas[v as usize];
-        let all: f64 = self.looked_at.iter().map(|&v| area(v)).sum();
+        let areas = self.areas_looked_at();
+        let all: f64 = areas.iter().sum();
         let relative = |squares: &[f64]| {
-            let sum: f64 = self.looked_at.iter().zip(squares).map(|(&v, s)| area(v) * s).sum();
+            let sum: f64 = areas.iter().zip(squares).map(|(area, s)| area * s).sum();
             (sum / all.max(f64::MIN_POSITIVE)).max(0.0).sqrt() / mean
         };
         let (shadow_noise, row_noise, discretisation) =
@@ -183,6 +221,12 @@ impl Places<'_> {
         }
     }
 
+    /// What each vertex that is looked at stands for.
+    fn areas_looked_at(&self) -> Vec<f64> {
+        let LookedAt { vertices, weight, .. } = self.looked_at;
+        vertices.iter().zip(weight).map(|(&v, w)| w * self.areas[v as usize]).collect()
+    }
+
     /// Mean luminance.
     fn mean(&self, light: &[Vec3]) -> f64 {
         let sum: f64 = self.areas.iter().zip(light).map(|(a, e)| a * luminance(*e)).sum();
@@ -193,8 +237,11 @@ impl Places<'_> {
 /// A share of 0 .. n, chosen by hash; at least `least` of them or so.
 fn chosen(n: usize, share: f64, least: usize, seed: u64) -> Vec<u32> {
     let share = share.max(least as f64 / n.max(1) as f64).min(1.0);
-    let limit = (share * u64::MAX as f64) as u64;
-    (0..n as u32).filter(|&i| sampling::hash(&[seed, i as u64]) <= limit).collect()
+    (0..n as u32).filter(|&i| is_chosen(i, share, seed)).collect()
+}
+
+fn is_chosen(i: u32, share: f64, seed: u64) -> bool {
+    sampling::hash(&[seed, i as u64]) <= (share * u64::MAX as f64) as u64
 }
 
 /// A third of the triangles around each vertex, without those that lie hidden inside of objects; local units squared.

@@ -4,8 +4,9 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    Variance, chosen,
+    LookedAt, Variance, chosen,
     coarse::{Coarse, CoarseLight},
+    gathers,
     local::Local,
 };
 use crate::{
@@ -30,35 +31,32 @@ pub struct Field<'a> {
 /// Share of the rows that are cast again.
 const SHARE: f64 = 1.0 / 16.0;
 /// Rows that are cast again at least, where there are as many.
-const LEAST: usize = 1024;
+const LEAST: usize = 512;
 /// Purpose words of random bits.
 const CHOICE: u64 = 0x726f_7773;
 const SIGNS: u64 = 0x7369_676e;
-const AGAIN: u64 = 0x6761_7468;
 /// Discretisation errors fall about as this power of the voxel size: between 0.9 and 1.4 from grid 16 to 64 on the Cornell
 /// box, a room with curved surfaces and two rooms with a door.
 const ORDER: f64 = 1.25;
 /// Added to white noise, because light is never negative.
 const LIFT: f32 = 100.0;
 
-/// Noise and discretisation error of a field at `points`.
+/// Noise and discretisation error of a field at the points that are `looked_at`.
 pub(super) fn variance(
     bake: &Bake,
     coarse: &Coarse,
     field: &Field,
-    points: &[SurfacePoint],
+    looked_at: &LookedAt,
     row_points: &RowPoints,
     again: &Rows,
 ) -> Variance {
     let (light, rows) = rayon::join(|| coarse.light(bake, field), || row_noise(bake, field, row_points, again));
-    let mut variance = interpolated(bake, coarse, field, &light, points, &rows);
-    if bake.options.reconstruct.gathers() {
-        gathered(bake, field, &light, points, &mut variance);
-    }
+    let (fitted, mut variance) = interpolated(bake, coarse, field, &light, looked_at, &rows);
+    gathers::correct(bake, field, &light.sent, looked_at, &fitted, &mut variance);
     variance
 }
 
-/// Of light that is interpolated between patches.
+/// Of light that is interpolated between patches, with its luminance.
 ///
 /// White noise takes the same way as light: two realisations of it tell how much of the noise of patches is left at the
 /// points, and how much of it the two levels do not have in common.
@@ -67,9 +65,10 @@ fn interpolated(
     coarse: &Coarse,
     field: &Field,
     light: &CoarseLight,
-    points: &[SurfacePoint],
+    looked_at: &LookedAt,
     rows: &Local,
-) -> Variance {
+) -> (Vec<f64>, Variance) {
+    let points = &looked_at.points;
     let white: Vec<[f64; 3]> = (0..field.received.len())
         .into_par_iter()
         .map(|i| {
@@ -83,8 +82,9 @@ fn interpolated(
     let lifted = |v: &[[f64; 3]]| v.iter().map(|w| vec3(*w) + Vec3::new(0.0, LIFT, LIFT)).collect::<Vec<Vec3>>();
     let (white, coarse_white) = (lifted(&white), lifted(&coarse_white));
     let method = if bake.options.reconstruct.gathers() { Reconstruct::Smooth } else { bake.options.reconstruct };
+    let of_bake = reconstruct::Field { stencils: Some(&looked_at.stencils), ..bake.field(&white, field.sent) };
     let (fine, coarse) = rayon::join(
-        || reconstruct::interpolate(&bake.field(&white, field.sent), method, points),
+        || reconstruct::interpolate(&of_bake, method, points),
         || reconstruct::interpolate(&coarse.field(bake, &coarse_white), method, points),
     );
 
@@ -96,42 +96,12 @@ fn interpolated(
         (gain(kept) * row, detail_of((apart.x as f64).powi(2) - gain(apart) * row))
     };
     let (rows, detail) = points.par_iter().zip(fine.par_iter().zip(&coarse)).map(of_point).unzip();
-    Variance { shadow: vec![0.0; points.len()], rows, detail }
-}
-
-/// Of bakes whose points gather by rays of their own where they are in doubt, or everywhere.
-fn gathered(bake: &Bake, field: &Field, light: &CoarseLight, points: &[SurfacePoint], variance: &mut Variance) {
-    let own = bake.interpolate(points, field.received, field.sent);
-    let fitted = reconstruct::interpolate(&bake.field(field.received, field.sent), Reconstruct::Smooth, points);
-    let everywhere = bake.options.reconstruct == Reconstruct::Gather;
-    // Where points do not gather, light is that of the fit to the bit.
-    let (asking, sure): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|&k| everywhere || own[k] != fitted[k]);
-    let gather = |of: &[usize], sent: &[Vec3], random: u64| {
-        let places: Vec<SurfacePoint> = of.iter().map(|&k| points[k]).collect();
-        let mut field = bake.field(field.received, sent);
-        field.senders.iter_mut().for_each(|s| s.seed ^= random);
-        reconstruct::interpolate(&field, Reconstruct::Gather, &places)
-    };
-    let off = |k: usize, e: Vec3| luminance(own[k] - e);
-
-    // Where they do: by other rays, and from coarse patches.
-    let other = gather(&asking, field.sent, AGAIN);
-    let sent: Vec<Vec3> = light.sent.iter().map(|b| vec3(*b)).collect();
-    let coarse = gather(&asking, &sent, 0);
-    for (n, &k) in asking.iter().enumerate() {
-        variance.rows[k] = 0.5 * off(k, other[n]).powi(2);
-        variance.detail[k] = detail_of(off(k, coarse[n]).powi(2));
-    }
-    // Where they do not, two gathers tell what the fit is off: their noise is independent, so that it has no share in the
-    // mean of the product. That of the rows has, and is told apart.
-    let (one, other) = (gather(&sure, field.sent, 0), gather(&sure, field.sent, AGAIN));
-    for (n, &k) in sure.iter().enumerate() {
-        variance.detail[k] = off(k, one[n]) * off(k, other[n]) - variance.rows[k];
-    }
+    let fitted = fine.iter().map(|e| e.x as f64).collect();
+    (fitted, Variance { shadow: vec![0.0; points.len()], rows, detail })
 }
 
 /// The square of the discretisation error of a bake by the square of what larger patches change.
-fn detail_of(square: f64) -> f64 {
+pub(super) fn detail_of(square: f64) -> f64 {
     square / (2.0_f64.powf(ORDER) - 1.0).powi(2)
 }
 

@@ -114,10 +114,10 @@ impl<'a> Gather<'a> {
     }
 
     /// The light that arrives at each point from the patches that its rays meet; `None` where no ray starts in the
-    /// open.
+    /// open, or most meet backs.
     ///
-    /// E = mean of the exitance met, over cosine-distributed rays. Backs are black, or hide the point if most rays meet
-    /// them: these are dropped. The result depends on nothing but position and normal of the point.
+    /// E = mean of the exitance met, over cosine-distributed rays. Backs are black. The result depends on nothing but
+    /// position and normal of the point.
     pub fn light(&self, points: &[SurfacePoint]) -> Vec<Option<Vec3>> {
         let mut scratch = Scratch::default();
         let light = |(p, origin): (&SurfacePoint, Vec3)| {
@@ -147,11 +147,12 @@ impl<'a> Gather<'a> {
                 valid += 1;
             }
         }
-        // A point in the open meets the backs of sheets, which are black; one that stands off its surface, or inside of
-        // an object, meets what its own surface hides.
-        let open = !self.senders.displaced && backs < valid;
-        let valid = if open { valid + backs } else { valid };
-        (valid > 0).then(|| (sum / valid as f64).as_vec3().min(Vec3::MAX))
+        // A point in the open meets the backs of sheets, which are black; one that stands off its surface meets what its own
+        // surface hides. Where most rays meet backs nobody knows whether it lies close behind a sheet or inside of an object.
+        if self.senders.displaced {
+            return (valid > 0).then(|| (sum / valid as f64).as_vec3().min(Vec3::MAX));
+        }
+        (backs < valid).then(|| (sum / (valid + backs) as f64).as_vec3().min(Vec3::MAX))
     }
 
     fn patch(&self, hit: &Hit) -> u32 {

@@ -85,6 +85,12 @@ pub fn interpolate(field: &Field, method: Reconstruct, points: &[SurfacePoint]) 
         .collect()
 }
 
+/// Where [`Reconstruct::Adaptive`] gathers: the patches near a point differ, or lie to one side of it.
+pub fn in_doubt(field: &Field, points: &[SurfacePoint]) -> Vec<bool> {
+    let of_chunk = |chunk| smooth::interpolate(field, chunk).into_iter().map(|fit| fit.is_doubtful());
+    points.par_chunks(CHUNK).with_max_len(PIECE).flat_map_iter(of_chunk).collect()
+}
+
 /// Gathers at every point, and interpolates where no ray starts in the open.
 fn everywhere(field: &Field, gather: &Gather, points: &[SurfacePoint]) -> Vec<Vec3> {
     let gathered = gather.light(points);
