@@ -65,10 +65,26 @@ impl Fragments {
         self.patch.push([NO_PATCH; 2]);
     }
 
-    fn append(&mut self, other: &Fragments) {
-        for f in 0..other.len() {
-            self.push(other.triangle[f], other.voxel[f], other.uv(f).iter().copied());
+    /// The fragments of all `parts`, one part after the other.
+    pub(super) fn join(parts: &[Fragments]) -> Fragments {
+        let (count, corners) = parts.iter().fold((0, 0), |sum, part| (sum.0 + part.len(), sum.1 + part.uv.len()));
+        let mut all = Fragments {
+            triangle: Vec::with_capacity(count),
+            voxel: Vec::with_capacity(count),
+            start: Vec::with_capacity(count + 1),
+            uv: Vec::with_capacity(corners),
+            patch: Vec::with_capacity(count),
+        };
+        all.start.push(0);
+        for part in parts {
+            let before = all.uv.len() as u32;
+            all.start.extend(part.start.iter().skip(1).map(|end| before + end));
+            all.triangle.extend_from_slice(&part.triangle);
+            all.voxel.extend_from_slice(&part.voxel);
+            all.uv.extend_from_slice(&part.uv);
+            all.patch.extend_from_slice(&part.patch);
         }
+        all
     }
 }
 
@@ -121,10 +137,11 @@ pub fn uv_centroid(uv: &[Vec2]) -> Vec2 {
 /// Splits every triangle by the planes of the grid. The areas of the fragments sum to those of the triangles up to
 /// rounding (1e-6 relative).
 pub fn clip(scene: &Scene, grid: &Grid) -> Fragments {
-    // Fixed chunks, joined in order: the same fragments for any number of threads.
+    // Joined in order: the same fragments for any number of threads.
     let chunks: Vec<Fragments> = (0..scene.triangles.len())
         .collect::<Vec<_>>()
-        .par_chunks(512)
+        .par_chunks(share(scene.triangles.len()))
+        .with_max_len(1)
         .map(|triangles| {
             let mut out = Fragments::default();
             let mut scratch = Scratch::default();
@@ -134,11 +151,12 @@ pub fn clip(scene: &Scene, grid: &Grid) -> Fragments {
             out
         })
         .collect();
-    let mut all = Fragments { start: vec![0], ..Fragments::default() };
-    for chunk in chunks {
-        all.append(&chunk);
-    }
-    all
+    Fragments::join(&chunks)
+}
+
+/// Triangles, of so many, that make a unit of parallel work: few where there are few, since these are large.
+pub(super) fn share(triangles: usize) -> usize {
+    (triangles / 64).clamp(1, 512)
 }
 
 /// A corner of a polygon that is being cut: position in voxel units, barycentric weights.

@@ -6,7 +6,7 @@ use super::{
     Fragments, Grid, HitMap, Patches, Simplified, clip,
     clip::point_at,
     normal_of,
-    patches::{Colour, mean_albedo},
+    patches::{Colour, Groups, mean_albedo},
 };
 use crate::{Scene, options::FaceColour, trace::Geometry};
 
@@ -24,7 +24,7 @@ pub fn faces(scene: &Scene, grid: Grid, rule: FaceColour) -> Simplified {
 
     let mut geometry = Geometry::default();
     let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
-    let mut groups: Vec<Vec<u32>> = Vec::new();
+    let mut groups = Groups::new();
     let mut colours: Vec<Colour> = Vec::new();
     for members in &voxels {
         let voxel = grid.voxel_at(members[0].0);
@@ -42,12 +42,12 @@ pub fn faces(scene: &Scene, grid: Grid, rule: FaceColour) -> Simplified {
                 };
                 let first = fragments.len() as u32;
                 add_square(&grid, voxel, axis, up, members[0].0, &mut geometry, &mut fragments);
-                groups.push(vec![first << 1, (first + 1) << 1]);
+                groups.push([first << 1, (first + 1) << 1]);
                 colours.push(colour);
             }
         }
     }
-    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours, grid.voxel_size as f32);
+    let patches = Patches::of_groups(&geometry, &mut fragments, groups, &colours, grid.voxel_size as f32);
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
 }

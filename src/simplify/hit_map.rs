@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{
     Fragments, Grid,
-    clip::{depth_inside, uv_centroid},
+    clip::{depth_inside, share, uv_centroid},
     corners, normal_of,
 };
 use crate::trace::{Geometry, Hit};
@@ -79,7 +79,8 @@ impl HitMap {
         }
         let chunks: Vec<Chunk> = (0..geometry.triangles.len())
             .collect::<Vec<_>>()
-            .par_chunks(1024)
+            .par_chunks(share(geometry.triangles.len()))
+            .with_max_len(1)
             .map(|triangles| {
                 let mut chunk = Chunk::default();
                 for &t in triangles {

@@ -64,15 +64,11 @@ impl Patches {
     pub(super) fn of_groups(
         geometry: &Geometry,
         fragments: &mut Fragments,
-        groups: &[Vec<u32>],
+        groups: Groups,
         colours: &[Colour],
         voxel_size: f32,
     ) -> Patches {
-        let mut patches = Patches { start: vec![0], ..Patches::default() };
         for (i, group) in groups.iter().enumerate() {
-            patches.members.extend_from_slice(group);
-            patches.start.push(patches.members.len() as u32);
-            patches.voxel.push(fragments.voxel[(group[0] >> 1) as usize]);
             for &m in group {
                 debug_assert_eq!(fragments.patch[(m >> 1) as usize][(m & 1) as usize], NO_PATCH);
                 fragments.patch[(m >> 1) as usize][(m & 1) as usize] = i as u32;
@@ -80,6 +76,8 @@ impl Patches {
         }
         let shapes: Vec<(f64, DVec3, DVec3)> =
             groups.par_iter().map(|group| shape(geometry, fragments, group)).collect();
+        let voxel = groups.iter().map(|group| fragments.voxel[(group[0] >> 1) as usize]).collect();
+        let mut patches = Patches { voxel, start: groups.start, members: groups.members, ..Patches::default() };
         patches.area = shapes.iter().map(|s| s.0 as f32).collect();
         patches.centroid = shapes.iter().map(|s| s.1.as_vec3()).collect();
         patches.normal = shapes.iter().map(|s| s.2.as_vec3()).collect();
@@ -88,6 +86,32 @@ impl Patches {
         patches.albedo = colours.iter().map(|c| c.albedo).collect();
         patches.emitted = colours.iter().map(|c| c.emitted).collect();
         patches
+    }
+}
+
+/// Members of groups (`fragment * 2 + side`), one group after the other; none is empty.
+pub(super) struct Groups {
+    /// Where each begins; one more entry than groups.
+    start: Vec<u32>,
+    members: Vec<u32>,
+}
+
+impl Groups {
+    pub fn new() -> Groups {
+        Groups { start: vec![0], members: Vec::new() }
+    }
+
+    pub fn push(&mut self, members: impl IntoIterator<Item = u32>) {
+        self.members.extend(members);
+        self.start.push(self.members.len() as u32);
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        self.start.windows(2).map(|ends| &self.members[ends[0] as usize..ends[1] as usize])
+    }
+
+    pub fn par_iter(&self) -> impl IndexedParallelIterator<Item = &[u32]> {
+        self.start.par_windows(2).map(|ends| &self.members[ends[0] as usize..ends[1] as usize])
     }
 }
 

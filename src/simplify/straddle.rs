@@ -25,19 +25,35 @@ pub(super) struct Piece {
     pub piece: u32,
 }
 
-/// The groups of one voxel.
+/// The groups of some voxels.
+#[derive(Default)]
 pub(super) struct Separated {
     /// Fragments that were cut, with their pieces.
     pub cuts: Vec<(u32, Vec<Vec<Vec2>>)>,
-    /// Pieces of each patch.
-    pub groups: Vec<Vec<Piece>>,
+    /// Pieces of each patch, one patch after the other.
+    pub pieces: Vec<Piece>,
+    /// Where those of each patch end.
+    pub ends: Vec<u32>,
 }
 
 const MOST_POINTS: usize = 12;
 const MOST_PLANES: usize = 8;
 const MOST_PIECES: usize = 32;
 
-/// Splits the clusters of one voxel where they straddle something.
+impl Separated {
+    fn push(&mut self, group: impl IntoIterator<Item = Piece>) {
+        self.pieces.extend(group);
+        self.ends.push(self.pieces.len() as u32);
+    }
+
+    /// Pieces of each patch.
+    pub fn groups(&self) -> impl Iterator<Item = &[Piece]> {
+        let mut begin = 0;
+        self.ends.iter().map(move |&end| &self.pieces[std::mem::replace(&mut begin, end as usize)..end as usize])
+    }
+}
+
+/// Adds the clusters of one voxel to `out`, split where they straddle something.
 pub(super) fn separate(
     geometry: &Geometry,
     normals: &[Vec3],
@@ -45,7 +61,8 @@ pub(super) fn separate(
     clusters: Vec<Vec<u32>>,
     voxel_size: f32,
     tracer: &dyn RayTracer,
-) -> Separated {
+    out: &mut Separated,
+) {
     let view = View { geometry, normals, fragments, lift: 0.02 * voxel_size, tracer };
     let mut cuts: Vec<(u32, Vec<Vec<Vec2>>)> = Vec::new();
     // Only unlike planes can stand between the points of a cluster.
@@ -76,21 +93,17 @@ pub(super) fn separate(
     }
     cuts.retain(|c| c.1.len() > 1);
     let pieces_of = |m: u32| cuts.iter().find(|c| c.0 == m >> 1).map_or(1, |c| c.1.len()) as u32;
-    let groups = clusters
-        .iter()
-        .zip(straddles)
-        .flat_map(|(cluster, straddles)| {
-            let pieces: Vec<Piece> =
-                cluster.iter().flat_map(|&m| (0..pieces_of(m)).map(move |piece| Piece { member: m, piece })).collect();
-            let was_cut = pieces.len() > cluster.len();
-            if (was_cut || straddles) && pieces.len() <= MOST_PIECES {
-                view.cliques(&cuts, &pieces)
-            } else {
-                vec![pieces]
-            }
-        })
-        .collect();
-    Separated { cuts, groups }
+    for (cluster, straddles) in clusters.iter().zip(straddles) {
+        let pieces: Vec<Piece> =
+            cluster.iter().flat_map(|&m| (0..pieces_of(m)).map(move |piece| Piece { member: m, piece })).collect();
+        let was_cut = pieces.len() > cluster.len();
+        if (was_cut || straddles) && pieces.len() <= MOST_PIECES {
+            view.cliques(&cuts, &pieces).into_iter().for_each(|clique| out.push(clique));
+        } else {
+            out.push(pieces);
+        }
+    }
+    out.cuts.extend(cuts);
 }
 
 /// Where a side of a fragment lies.

@@ -1,16 +1,23 @@
 //! Surfel patches: the pieces of real surface in a voxel, grouped by the way they face.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{
-    Fragments, Grid, HitMap, Patches, Simplified, clip, layers::Surfaces, patches::mean_colour, straddle::separate,
+    Fragments, Grid, HitMap, Patches, Simplified, clip,
+    layers::Surfaces,
+    patches::{Groups, mean_colour},
+    straddle::{Separated, separate},
 };
 use crate::{Scene, trace::RayTracer};
 
 /// Largest cosine between the normals of surfaces that count as unlike: only they hide points of one surface from each
 /// other.
 pub(crate) const UNLIKE: f32 = 0.7;
+
+/// Voxels, and fragments, of a unit of parallel work.
+const VOXELS: usize = 64;
+const FRAGMENTS: usize = 4096;
 
 /// Cuts the scene by the grid and groups the pieces: one patch for each voxel and side of like normals whose points
 /// see each other. `tracer` holds the scene's own triangles.
@@ -22,42 +29,30 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
     let sides = sides_by_voxel(scene, &whole);
     let voxels: Vec<&[(u64, u32)]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
 
-    let separated: Vec<_> = voxels
-        .par_iter()
-        .with_min_len(64)
-        .map(|voxel| {
-            let members: Vec<u32> = voxel.iter().map(|s| s.1).collect();
-            let normal = |m: u32| side_normal(&normals, &whole, m);
+    let separated: Vec<Separated> = voxels
+        .par_chunks(VOXELS)
+        .with_max_len(1)
+        .map(|voxels| {
             let surfaces = Surfaces { geometry: &geometry, normals: &normals, fragments: &whole, tracer };
-            let clusters = cluster(&members, normal).into_iter().flat_map(|c| surfaces.layers(c)).collect();
-            separate(&geometry, &normals, &whole, clusters, grid.voxel_size as f32, tracer)
+            let mut out = Separated::default();
+            for voxel in voxels {
+                let members: Vec<u32> = voxel.iter().map(|s| s.1).collect();
+                let normal = |m: u32| side_normal(&normals, &whole, m);
+                let clusters = cluster(&members, normal).into_iter().flat_map(|c| surfaces.layers(c)).collect();
+                separate(&geometry, &normals, &whole, clusters, grid.voxel_size as f32, tracer, &mut out);
+            }
+            out
         })
         .collect();
-
-    // Fragments that were cut give way to their pieces.
-    let mut cuts: Vec<Option<&Vec<Vec<glam::Vec2>>>> = vec![None; whole.len()];
-    for (f, pieces) in separated.iter().flat_map(|s| &s.cuts) {
-        cuts[*f as usize] = Some(pieces);
+    let (mut fragments, first) = pieces(&whole, &separated);
+    let mut groups = Groups::new();
+    for group in separated.iter().flat_map(Separated::groups) {
+        groups.push(group.iter().map(|p| (first[(p.member >> 1) as usize] + p.piece) << 1 | (p.member & 1)));
     }
-    let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
-    let mut first = Vec::with_capacity(whole.len());
-    for (f, cut) in cuts.iter().enumerate() {
-        first.push(fragments.len() as u32);
-        let (triangle, voxel) = (whole.triangle[f], whole.voxel[f]);
-        match cut {
-            None => fragments.push(triangle, voxel, whole.uv(f).iter().copied()),
-            Some(pieces) => pieces.iter().for_each(|p| fragments.push(triangle, voxel, p.iter().copied())),
-        }
-    }
-    let groups: Vec<Vec<u32>> = separated
-        .iter()
-        .flat_map(|s| &s.groups)
-        .map(|group| group.iter().map(|p| (first[(p.member >> 1) as usize] + p.piece) << 1 | (p.member & 1)).collect())
-        .collect();
 
     let colours: Vec<_> = groups.par_iter().map(|group| mean_colour(scene, &fragments, group)).collect();
     let h = grid.voxel_size as f32;
-    let mut patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours, h);
+    let mut patches = Patches::of_groups(&geometry, &mut fragments, groups, &colours, h);
     let surfaces = Surfaces { geometry: &geometry, normals: &normals, fragments: &fragments, tracer };
     patches.eye = (0..patches.len())
         .collect::<Vec<_>>()
@@ -66,6 +61,36 @@ pub fn surfels(scene: &Scene, grid: Grid, tracer: &dyn RayTracer) -> Simplified 
         .collect();
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
+}
+
+/// All fragments, where those that were cut give way to their pieces; and the number of each one's first piece.
+fn pieces(whole: &Fragments, separated: &[Separated]) -> (Fragments, Vec<u32>) {
+    let mut cuts: Vec<Option<&[Vec<Vec2>]>> = vec![None; whole.len()];
+    for (f, pieces) in separated.iter().flat_map(|s| &s.cuts) {
+        cuts[*f as usize] = Some(pieces);
+    }
+    let first = cuts.iter().scan(0, |next, cut| {
+        let first = *next;
+        *next += cut.map_or(1, <[_]>::len) as u32;
+        Some(first)
+    });
+    let first = first.collect();
+    let parts: Vec<Fragments> = cuts
+        .par_chunks(FRAGMENTS)
+        .enumerate()
+        .map(|(k, cuts)| {
+            let mut part = Fragments::default();
+            for (f, cut) in (k * FRAGMENTS..).zip(cuts) {
+                let (triangle, voxel) = (whole.triangle[f], whole.voxel[f]);
+                match cut {
+                    None => part.push(triangle, voxel, whole.uv(f).iter().copied()),
+                    Some(pieces) => pieces.iter().for_each(|p| part.push(triangle, voxel, p.iter().copied())),
+                }
+            }
+            part
+        })
+        .collect();
+    (Fragments::join(&parts), first)
 }
 
 /// Gives patches the mean colours of `scene`, whose surfaces they are made of.
@@ -80,7 +105,8 @@ pub(crate) fn colour(simplified: &mut Simplified, scene: &Scene) {
 /// Every visible side of every fragment as (voxel, `fragment * 2 + side`), voxel by voxel.
 fn sides_by_voxel(scene: &Scene, fragments: &Fragments) -> Vec<(u64, u32)> {
     let mut sides: Vec<(u64, u32)> = (0..fragments.len())
-        .flat_map(|f| {
+        .into_par_iter()
+        .flat_map_iter(|f| {
             let two_sided = scene.triangles[fragments.triangle[f] as usize].two_sided;
             let voxel = fragments.voxel[f];
             (0..=two_sided as u32).map(move |side| (voxel, (f as u32) << 1 | side))

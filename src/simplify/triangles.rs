@@ -9,7 +9,7 @@ use super::{
     Fragments, Grid, HitMap, NO_PATCH, Patches, Simplified, SplitMesh,
     feet::{Foot, feet},
     normal_of,
-    patches::Colour,
+    patches::{Colour, Groups},
 };
 use crate::{
     Scene,
@@ -43,15 +43,15 @@ pub(super) fn simplified(scene: &Scene, grid: Grid, mut mesh: Mesh, size: f32, t
 
     let mut geometry = Geometry { positions: mesh.positions.clone(), triangles: Vec::with_capacity(order.len()) };
     let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
-    let mut groups: Vec<Vec<u32>> = Vec::new();
+    let mut groups = Groups::new();
     for (k, &(voxel, t)) in order.iter().enumerate() {
         geometry.triangles.push(mesh.triangles[t as usize]);
         fragments.push(k as u32, voxel, [Vec2::ZERO, Vec2::X, Vec2::Y]);
         let sides = 1 + mesh.two_sided[t as usize] as u32;
-        groups.extend((0..sides).map(|side| vec![(k as u32) << 1 | side]));
+        (0..sides).for_each(|side| groups.push([(k as u32) << 1 | side]));
     }
-    let colours = colours(scene, &geometry, &groups, tracer);
-    let patches = Patches::of_groups(&geometry, &mut fragments, &groups, &colours, grid.voxel_size as f32);
+    let colours = colours(scene, &geometry, &groups.iter().collect::<Vec<_>>(), tracer);
+    let patches = Patches::of_groups(&geometry, &mut fragments, groups, &colours, grid.voxel_size as f32);
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Simplified { grid, geometry, fragments, patches, hit_map }
 }
@@ -124,12 +124,7 @@ pub(super) fn colour(simplified: &mut Simplified, scene: &Scene, tracer: &dyn Ra
 }
 
 /// Mean colours of the real surfaces that the patches stand for.
-fn colours(
-    scene: &Scene,
-    geometry: &Geometry,
-    groups: &[impl AsRef<[u32]> + Sync],
-    tracer: &dyn RayTracer,
-) -> Vec<Colour> {
+fn colours(scene: &Scene, geometry: &Geometry, groups: &[&[u32]], tracer: &dyn RayTracer) -> Vec<Colour> {
     let plain = mean_albedo(scene);
     let count = (SAMPLES * SAMPLES) as usize;
     groups
@@ -138,7 +133,6 @@ fn colours(
             let points: Vec<SurfacePoint> = chunk
                 .iter()
                 .flat_map(|group| {
-                    let group = group.as_ref();
                     points_of(&super::corners(geometry, (group[0] >> 1) as usize), group[0] & 1 == 1, SAMPLES)
                 })
                 .collect();

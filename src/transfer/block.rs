@@ -165,8 +165,8 @@ pub struct BlockWriter {
 impl BlockWriter {
     /// Adds a row with these (patch, count), sorted by patch; its ends are filled in.
     ///
-    /// Whether a step takes one byte or two is a matter of chance, so there is no branch on it: four bytes are written,
-    /// and those that are too many written over.
+    /// How many bytes a step takes is a matter of chance, so there is no branch on it up to three: four bytes are
+    /// written, and those that are too many written over.
     pub fn push(&mut self, entries: &[(u32, u32)], row: Row) {
         let mut end = self.bytes.len();
         self.bytes.resize(end + MOST_BYTES * entries.len(), 0);
@@ -174,11 +174,12 @@ impl BlockWriter {
         for &(patch, count) in entries {
             let step = patch - last;
             last = patch;
-            if step < 1 << 14 && count < 255 {
-                let two = (step >= 0x80) as u32;
-                let coded = (step & 0x7f) | two << 7 | (step >> 7) << 8 | count << (8 + 8 * two);
+            if step < 1 << 21 && count < 255 {
+                let (two, three) = ((step >= 1 << 7) as u32, (step >= 1 << 14) as u32);
+                let low = (step & 0x7f) | two << 7 | (step & 0x3f80) << 1 | three << 15 | (step & 0x1f_c000) << 2;
+                let coded = low | count << (8 * (1 + two + three));
                 self.bytes[end..end + 4].copy_from_slice(&coded.to_le_bytes());
-                end += 2 + two as usize;
+                end += (2 + two + three) as usize;
             } else {
                 put_varint(&mut self.bytes, &mut end, step);
                 put(&mut self.bytes, &mut end, count.min(255) as u8);
@@ -378,6 +379,23 @@ mod tests {
         assert!(leading(3).is_empty());
         assert_eq!(leading(4), [48]);
         assert!(rows.get(5).is_none() && rows.with_rays(4, 1).is_none());
+    }
+
+    #[test]
+    fn steps_and_counts_of_every_length_survive_coding() {
+        let steps = [7, 14, 21, 28].into_iter().flat_map(|bits| [(1 << bits) - 1, 1 << bits, (1 << bits) + 1]);
+        let counts = [1, 254, 255, 256, 40_000];
+        let mut patch = 0;
+        let entries: Vec<(u32, u32)> = steps
+            .flat_map(|step| counts.map(|count| (step, count)))
+            .map(|(step, count)| {
+                patch += step;
+                (patch, count)
+            })
+            .collect();
+        let mut writer = BlockWriter::default();
+        writer.push(&entries, Row::default());
+        assert_eq!(Entries::new(&writer.finish().bytes).collect::<Vec<_>>(), entries);
     }
 
     #[test]

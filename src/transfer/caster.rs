@@ -56,12 +56,10 @@ pub struct Scratch {
     parts: [Part; 2],
     /// Patches that the leading rays met, of probes and of rows that get marks.
     leading: Vec<u32>,
-    /// Hits of every patch, of the sky and of the insides of objects.
     tally: Tally,
     /// What the row met.
     pub entries: Vec<(u32, u32)>,
     /// The same of the leading rays.
-    leading_tally: Tally,
     leading_entries: Vec<(u32, u32)>,
     /// Rays that look again from where others met backs, and their hits.
     turned: RayBatch,
@@ -166,8 +164,7 @@ impl<'a> Caster<'a> {
             s.leading_entries.clear();
             if row.view != View::Hidden {
                 s.leading.retain(|&j| j < NOTHING);
-                s.leading_tally.add(&s.leading);
-                s.leading_tally.drain(&mut s.leading_entries);
+                s.tally.count([&s.leading, &[]], &mut s.leading_entries);
             }
             writer.mark(&s.entries, &s.leading_entries);
         }
@@ -251,26 +248,17 @@ impl<'a> Caster<'a> {
         if view == View::Hidden {
             return Row { patch: i, hidden: all, view, ..Row::default() };
         }
-        let n = self.casting.simplified.patches.len() as u32;
         let Scratch { parts, tally, entries, turned, found, .. } = s;
-        for part in parts {
-            if !part.all_patches {
-                if part.patches.contains(&NO_PATCH) {
-                    self.acquit(i, part, turned, found);
-                }
-                // What is no patch comes behind the patches: n + (j - NOTHING).
-                part.patches.iter_mut().for_each(|j| *j = (*j).min(n.wrapping_add(j.wrapping_sub(NOTHING))));
+        for part in parts.iter_mut().filter(|part| !part.all_patches) {
+            if part.patches.contains(&NO_PATCH) {
+                self.acquit(i, part, turned, found);
             }
-            tally.add(&part.patches);
         }
-        tally.drain(entries);
-        let (mut escaped, mut hidden) = (0, 0);
-        while let Some((_, count)) = entries.pop_if(|e| e.0 >= n + (NO_PATCH - NOTHING)) {
-            hidden = count;
-        }
-        while let Some((_, count)) = entries.pop_if(|e| e.0 >= n) {
-            escaped = count;
-        }
+        let [probe, rest] = parts;
+        tally.count([&probe.patches, &rest.patches], entries);
+        // What is no patch stands behind the patches.
+        let hidden = entries.pop_if(|e| e.0 == NO_PATCH).map_or(0, |e| e.1);
+        let escaped = entries.pop_if(|e| e.0 == NOTHING).map_or(0, |e| e.1);
         Row { patch: i, valid: all - hidden, escaped, hidden, view, ..Row::default() }
     }
 
@@ -302,9 +290,8 @@ impl<'a> Caster<'a> {
 
     pub fn take(&self) -> Scratch {
         let kept = self.scratch.lock().expect("no thread panics with the lock").pop();
-        let tally = || Tally::new(self.casting.simplified.patches.len() + 3);
-        let leading = || if self.casting.marked { tally() } else { Tally::default() };
-        kept.unwrap_or_else(|| Scratch { tally: tally(), leading_tally: leading(), ..Scratch::default() })
+        let tally = || Tally::new(self.casting.simplified.patches.len());
+        kept.unwrap_or_else(|| Scratch { tally: tally(), ..Scratch::default() })
     }
 
     pub fn give_back(&self, s: Scratch) {

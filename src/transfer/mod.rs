@@ -9,6 +9,7 @@ mod lanes;
 mod matrix;
 mod points;
 mod rows;
+mod sorted;
 mod spill;
 mod tally;
 
