@@ -53,6 +53,8 @@ const UNPACKED: f64 = 1.2;
 const CORNER: f64 = 120.0;
 /// Bytes a vertex with its light.
 const VERTEX: f64 = 235.0;
+/// Bytes of a place where light is computed: position and normal.
+const POINT: f64 = 24.0;
 /// Bytes a patch of what is there when the bake is done.
 const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
@@ -98,6 +100,19 @@ impl Outlook {
     pub(crate) fn of_rows(row_bytes: f64) -> Outlook {
         let (held, peak) = (memory_bytes(), peak_memory_bytes());
         Outlook { held, peak, rows: row_bytes as u64, ..Outlook::default() }
+    }
+
+    /// Of a process that holds so many bytes of stencils, which it writes down.
+    pub(crate) fn of_copy(stencils: usize) -> Outlook {
+        let held = Outlook::of_rows(0.0);
+        // They are copied once for that.
+        Outlook { rest: stencils as u64, ..held }
+    }
+
+    /// Of a process that makes a split mesh of so many corners and vertices, and keeps of it where these stand.
+    pub(crate) fn of_mesh(corners: usize, vertices: usize) -> Outlook {
+        let rest = corners as f64 * CORNER + vertices as f64 * POINT;
+        Outlook { rest: rest as u64, ..Outlook::of_rows(0.0) }
     }
 
     /// As it will be when the process holds so many bytes more.

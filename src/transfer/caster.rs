@@ -23,6 +23,8 @@ const CHUNK_RAYS: usize = 1 << 14;
 const CHUNK: usize = 64;
 /// Rays that are cast before rows are kept: a tenth of a second or so on two threads.
 const SLICE_RAYS: usize = 1 << 22;
+/// Leading rays that are cast one by one to show that a patch is not hidden.
+const GLANCES: usize = 4;
 /// Purpose word of the rows' random bits.
 const ROW: u64 = 0x0072_6f77;
 
@@ -201,6 +203,26 @@ impl<'a> Caster<'a> {
                 found
             })
             .collect()
+    }
+
+    /// Whether patch `i` will not be hidden in its row: nearly every patch shows it by one of a few leading rays, the others
+    /// are asked for all of them.
+    pub fn is_visible(&self, i: u32, s: &mut Scratch) -> bool {
+        if self.is_outer(i) {
+            return true;
+        }
+        let Casting { simplified, points, again, .. } = self.casting;
+        let sets = points.rows();
+        let random = random(points.seed(), i, again);
+        s.emitter.load(simplified, i as usize);
+        let leading = sets.leading(random[0]);
+        let glance = |&k: &u16| {
+            let Scratch { emitter, parts: [part, _], .. } = &mut *s;
+            self.cast_part(sets, k as usize..k as usize + 1, random, emitter, part);
+            part.patches[0] != NO_PATCH
+        };
+        leading.iter().step_by(leading.len().div_ceil(GLANCES)).any(glance)
+            || self.cast(i, sets, false, s) != View::Hidden
     }
 
     /// Casts the leading rays of patch `i`, and the others if the `whole` row is wanted and the patch is not hidden.
