@@ -8,13 +8,12 @@ use std::{
 use super::{
     Container, Identity, Name, Writer,
     rows::{self, AGAIN, Entries, ROWS},
-    simplified, source, stencils,
-    write::{folder_of, write_file},
+    simplified, source, stencils, write_file,
 };
 use crate::{
     BakeOptions, Error, Result, Scene,
     bake::Kept,
-    output::atomic::Staged,
+    output::atomic::{Staged, folder_of},
     scene::{SceneOverrides, Source},
 };
 

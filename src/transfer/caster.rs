@@ -375,7 +375,7 @@ mod tests {
         scene,
         simplify::{self, Grid},
         trace,
-        transfer::{RowPoints, cast},
+        transfer::{RowPoints, cast, foresee_visible},
     };
 
     #[test]
@@ -400,6 +400,7 @@ mod tests {
             let hidden = marked.iter().filter(|p| p.0 == Probe::Dark(View::Hidden)).count();
             let sees = marked.iter().filter(|p| p.0 == Probe::SeesLight).count();
             assert!(hidden > 0 && sees > 0 && hidden + sees < n, "{hidden} hidden, {sees} see light, of {n}");
+            assert!(foresee_visible(&casting) == rows.visible(), "{rays} rays");
             // Hidden ones cast a probe.
             assert_eq!(sum, ((n - hidden) * rays as usize + hidden * points.probe_rays()) as u64);
         }
