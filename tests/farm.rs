@@ -143,6 +143,29 @@ fn every_mode_is_shared_out() {
 }
 
 #[test]
+fn vertices_of_patches_that_were_foreseen_wrongly_are_made_again_by_the_merge() {
+    let folder = tempfile::tempdir().unwrap();
+    let alone = alone(&folder, &[]);
+    let place = folder.path().join("plan");
+    plan(&place, "2", &[]);
+    let path = place.join("plan.lxt");
+    let file = Container::open(&path, Name::new("plan")).unwrap();
+    let mut writer = Writer::new(Vec::new(), Name::new("plan")).unwrap();
+    for (kind, number) in file.names() {
+        let mut payload = file.block(kind, number).unwrap().to_vec();
+        if kind == Name::new("sight") {
+            // Behind a length of several bytes, of which the last alone is below 128, there is a byte for each patch.
+            let first = 1 + payload.iter().position(|&byte| byte < 128).unwrap();
+            payload[first] ^= 1;
+        }
+        writer.block(kind, number, &[&payload]).unwrap();
+    }
+    fs::write(&path, writer.finish().unwrap()).unwrap();
+    cast(&place, 0..2, 2);
+    same(&folder, &place, &alone, "a patch foreseen wrongly");
+}
+
+#[test]
 fn a_shard_that_is_done_or_not_there_is_nothing_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("plan");

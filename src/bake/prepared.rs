@@ -124,16 +124,13 @@ impl<'a> Prepared<'a> {
             }
             None => {
                 let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
-                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
-                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
-                rays
+                transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?
             }
         };
         if options.estimate {
             let again = estimate::again(self.simplified.patches.len(), options.seed);
             let casting = Casting { again: 1, marked: false, ..casting };
             rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
-            kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
         }
         Ok(rays)
     }

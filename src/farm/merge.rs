@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::Plan;
 use crate::{
     Error, Result, Scene,
-    bake::{self, AGAIN_A_BLOCK, Kept, ROWS_A_BLOCK, Run},
+    bake::{self, Kept, Run},
     lxt::{
         Transfer,
         rows::{self, Entries, ROWS},
@@ -49,9 +49,8 @@ impl Plan {
         let entries = if self.options().only.is_empty() { Entries::Copied } else { Entries::Checked };
         let mut kept = self.gather(entries)?;
         if let Some(stencils) = kept.stencils.take() {
-            run.keeper.begin(&mut kept.rows, &|| Ok(Outlook::of_copy(stencils.size_in_bytes())))?;
-            kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
-            kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
+            let rest = self.file.size() + size_of_val(stencils.parts().0);
+            run.keeper.begin(&mut kept.rows, &|| Ok(Outlook { rest: rest as u64, ..Outlook::of_rows(0.0) }))?;
             return Transfer::copy(path, &self.file, &Kept { stencils: Some(stencils), ..kept });
         }
         kept.simplified = Some(self.simplified()?);

@@ -95,7 +95,7 @@ impl Plan {
                     stencils::write_points(out, k, part)?;
                 }
             }
-            rows::write_all(out, ROWS, &kept.rows.in_order(ROWS_A_BLOCK, |_| true))
+            rows::write_in_order(out, ROWS, &kept.rows, ROWS_A_BLOCK)
         })?;
         Plan::open(folder)
     }
@@ -192,6 +192,11 @@ impl Plan {
     /// What these depend on; `None` if no shard makes any.
     pub(super) fn sight(&self) -> Result<Option<Sight>> {
         self.has_sight().then(|| self.file.value(SIGHT, 0)).transpose()
+    }
+
+    /// How many points shard `k` makes stencils of.
+    pub(super) fn points_of(&self, k: usize) -> usize {
+        stencils::count_points(&self.file, k as u64)
     }
 
     /// Points whose stencils shard `k` makes.

@@ -20,6 +20,7 @@ use crate::{
         rows::{self, AGAIN, Entries, ROWS},
         stencils, write_file,
     },
+    outlook::Outlook,
     output::atomic::sweep,
     progress::{self, Progress},
     reconstruct::{PatchIndex, Stencils},
@@ -41,6 +42,9 @@ const PAUSE: Duration = Duration::from_millis(30);
 /// a kill costs is a few seconds, and half of the work at most.
 const FIRST: Duration = Duration::from_millis(500);
 const LAST: Duration = Duration::from_secs(8);
+
+/// Bytes of a point and its stencil of some eight patches, which are there twice when all are joined.
+const STENCIL: usize = 2 * (24 + 4 + 8 * 8);
 
 /// Points whose stencils are made before somebody may ask to stop, in units of [`Stencils::TOGETHER`].
 const POINTS: usize = 256;
@@ -118,7 +122,13 @@ impl Plan {
         let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
         let progress = run.progress;
         let missing: Vec<u32> = own.iter().copied().filter(|&i| rows.get(i).is_none()).collect();
-        journal.keeper.begin(&mut rows, &|| bake::of_rows(&casting, &missing, progress))?;
+        let foretell = || {
+            let stencils = self.points_of(k) * STENCIL;
+            // Those of other rays take about as much.
+            let rows = bake::of_rows(&casting, &[&missing[..], &other].concat(), progress)?;
+            Ok(Outlook { rest: stencils as u64, ..rows })
+        };
+        journal.keeper.begin(&mut rows, &foretell)?;
         let cast = journal.cast(&casting, [&own, &other], &outline.few, [&mut rows, &mut again], progress);
         let done = cast.and_then(|rays| Ok((rays, self.stencils(k, &simplified, &*tracer, progress)?)));
         if done.is_err() {
@@ -127,13 +137,11 @@ impl Plan {
         }
         let (rays, stencils) = done?;
 
-        let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
-        let again = again.in_order(ROWS_A_BLOCK, |_| true);
         write_file(&self.shard_path(k), SHARD, |out| {
             out.json(IDENTITY, 0, self.identity())?;
             out.json(SETTINGS, 0, &self.settings(k))?;
-            rows::write_all(out, ROWS, &rows)?;
-            rows::write_all(out, AGAIN, &again)?;
+            rows::write_in_order(out, ROWS, &rows, ROWS_A_BLOCK)?;
+            rows::write_in_order(out, AGAIN, &again, ROWS_A_BLOCK)?;
             stencils.as_ref().map_or(Ok(()), |stencils| stencils::write_alone(out, stencils))
         })?;
         journal.checkpoint.remove()?;

@@ -14,7 +14,7 @@ use crate::{
 const STENCILS: Name = Name::new("stencils");
 const POINTS: Name = Name::new("points");
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 struct Parts {
     /// Position and normal of every point.
     #[serde(with = "super::raw")]
@@ -26,14 +26,25 @@ struct Parts {
     neighbours: Vec<Neighbour>,
 }
 
+/// The same, not copied.
+#[derive(Serialize)]
+struct View<'a> {
+    #[serde(serialize_with = "super::raw::serialize")]
+    points: &'a [[f32; 6]],
+    #[serde(serialize_with = "super::raw::serialize")]
+    ends: &'a [u32],
+    #[serde(serialize_with = "super::raw::serialize")]
+    neighbours: &'a [Neighbour],
+}
+
 /// Writes the stencils.
 ///
 /// # Errors
 /// Those of the output.
 pub fn write<W: Write>(out: &mut Writer<W>, stencils: &Stencils) -> io::Result<()> {
     let (points, ends, neighbours) = stencils.parts();
-    let points = points.iter().map(numbers).collect();
-    out.value(STENCILS, 0, &Parts { points, ends: ends.to_vec(), neighbours: neighbours.to_vec() })
+    let points: Vec<[f32; 6]> = points.iter().map(numbers).collect();
+    out.value(STENCILS, 0, &View { points: &points, ends, neighbours })
 }
 
 /// Writes stencils of points that stand elsewhere: see [`write_points`].
@@ -42,7 +53,7 @@ pub fn write<W: Write>(out: &mut Writer<W>, stencils: &Stencils) -> io::Result<(
 /// Those of the output.
 pub fn write_alone<W: Write>(out: &mut Writer<W>, stencils: &Stencils) -> io::Result<()> {
     let (_, ends, neighbours) = stencils.parts();
-    out.value(STENCILS, 0, &Parts { points: Vec::new(), ends: ends.to_vec(), neighbours: neighbours.to_vec() })
+    out.value(STENCILS, 0, &View { points: &[], ends, neighbours })
 }
 
 /// Writes some points as block `number` of `points`.
@@ -52,6 +63,11 @@ pub fn write_alone<W: Write>(out: &mut Writer<W>, stencils: &Stencils) -> io::Re
 pub fn write_points<W: Write>(out: &mut Writer<W>, number: u64, points: &[SurfacePoint]) -> io::Result<()> {
     let numbers: Vec<[f32; 6]> = points.iter().map(numbers).collect();
     out.block(POINTS, number, &[bytemuck::cast_slice(&numbers)])
+}
+
+/// How many points [`write_points`] wrote, by the length of the block; none if it is not there.
+pub fn count_points(file: &Container, number: u64) -> usize {
+    file.length(POINTS, number).unwrap_or(0) / size_of::<[f32; 6]>()
 }
 
 /// Reads what [`write_points`] wrote.

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     BakeOptions, Error, Result, Scene,
-    bake::Kept,
+    bake::{AGAIN_A_BLOCK, Kept, ROWS_A_BLOCK},
     output::atomic::{Staged, folder_of},
     scene::{SceneOverrides, Source},
 };
@@ -67,8 +67,8 @@ impl Transfer {
         if let Some(stencils) = &kept.stencils {
             stencils::write(out, stencils)?;
         }
-        rows::write_all(out, ROWS, &kept.rows)?;
-        rows::write_all(out, AGAIN, &kept.again)
+        rows::write_in_order(out, ROWS, &kept.rows, ROWS_A_BLOCK)?;
+        rows::write_in_order(out, AGAIN, &kept.again, AGAIN_A_BLOCK)
     }
 
     /// As [`Transfer::write`], of what does not go with `kept` a copy of the blocks of `file`, which has them for its own

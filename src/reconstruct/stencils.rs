@@ -76,11 +76,6 @@ impl Stencils {
         (&self.points, &self.ends, &self.neighbours)
     }
 
-    /// Bytes that it takes.
-    pub fn size_in_bytes(&self) -> usize {
-        size_of_val(&self.points[..]) + size_of_val(&self.ends[..]) + size_of_val(&self.neighbours[..])
-    }
-
     /// The neighbours of a point; `None` if it is none of those.
     pub fn find(&self, point: &SurfacePoint) -> Option<&[Neighbour]> {
         let numbers = || (0..).zip(&self.points).map(|(k, point)| (key(point), k)).collect();
