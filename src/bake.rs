@@ -20,17 +20,19 @@ mod outline;
 mod outlook;
 mod prepared;
 mod relit;
+mod sight;
 mod skipped;
 mod tracers;
 mod vertices;
 
 pub(crate) use exchange::is_balanced;
 pub use finished::{Bake, Irradiance, PatchLight};
-pub use outline::{Outline, outline};
+pub use outline::{Outline, Outlined, Shared, outline};
 pub(crate) use outlook::of_rows;
 pub use prepared::Kept;
-pub(crate) use prepared::ROWS_A_BLOCK;
+pub(crate) use prepared::{AGAIN_A_BLOCK, ROWS_A_BLOCK};
 pub(crate) use relit::RelitLight;
+pub use sight::Sight;
 
 use exchange::Exchange;
 use measure::{Clock, Work};

@@ -53,6 +53,8 @@ const UNPACKED: f64 = 1.2;
 const CORNER: f64 = 120.0;
 /// Bytes a vertex with its light.
 const VERTEX: f64 = 235.0;
+/// Bytes of a place where light is computed: position and normal.
+const POINT: f64 = 24.0;
 /// Bytes a patch of what is there when the bake is done.
 const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
@@ -63,6 +65,8 @@ const REUSED: f64 = 0.7;
 const FRESH: u64 = 5;
 /// Share of the unpacked rows that serves what comes after them.
 const SERVES_AGAIN: u64 = 2;
+/// What the heap of a thread keeps of what it has freed. That of two threads is in the other constants.
+const HEAP: f64 = 2.4e6;
 /// Foretold before there is anything: what the rays of the patches' direct light leave to be used again, and what all before
 /// did as a share.
 const LEFT: f64 = 16e6;
@@ -78,7 +82,8 @@ impl Outlook {
         let meshed = vertices as f64 * VERTEX;
         let estimated = if estimate { patches as f64 * ESTIMATED_PATCH } else { 0.0 };
         let lasting = patches as f64 * LASTING_PATCH + meshed;
-        let rest = (meshed + estimated).max(corners as f64 * CORNER);
+        let heaps = (rayon::current_num_threads() as f64 - 2.0) * HEAP;
+        let rest = (meshed + estimated).max(corners as f64 * CORNER) + heaps;
         let unpacks = row_bytes <= patches as f64 * UNPACKED_PATCH as f64;
         let unpacked = if unpacks { UNPACKED * row_bytes } else { 0.0 };
         let reused = REUSED * (held.saturating_sub(mapped_bytes()) as f64 - used).max(0.0);
@@ -98,6 +103,12 @@ impl Outlook {
     pub(crate) fn of_rows(row_bytes: f64) -> Outlook {
         let (held, peak) = (memory_bytes(), peak_memory_bytes());
         Outlook { held, peak, rows: row_bytes as u64, ..Outlook::default() }
+    }
+
+    /// Of a process that makes a split mesh of so many corners and vertices, and keeps of it where these stand.
+    pub(crate) fn of_mesh(corners: usize, vertices: usize) -> Outlook {
+        let rest = corners as f64 * CORNER + vertices as f64 * POINT;
+        Outlook { rest: rest as u64, ..Outlook::of_rows(0.0) }
     }
 
     /// As it will be when the process holds so many bytes more.

@@ -143,6 +143,29 @@ fn every_mode_is_shared_out() {
 }
 
 #[test]
+fn vertices_of_patches_that_were_foreseen_wrongly_are_made_again_by_the_merge() {
+    let folder = tempfile::tempdir().unwrap();
+    let alone = alone(&folder, &[]);
+    let place = folder.path().join("plan");
+    plan(&place, "2", &[]);
+    let path = place.join("plan.lxt");
+    let file = Container::open(&path, Name::new("plan")).unwrap();
+    let mut writer = Writer::new(Vec::new(), Name::new("plan")).unwrap();
+    for (kind, number) in file.names() {
+        let mut payload = file.block(kind, number).unwrap().to_vec();
+        if kind == Name::new("sight") {
+            // Behind a length of several bytes, of which the last alone is below 128, there is a byte for each patch.
+            let first = 1 + payload.iter().position(|&byte| byte < 128).unwrap();
+            payload[first] ^= 1;
+        }
+        writer.block(kind, number, &[&payload]).unwrap();
+    }
+    fs::write(&path, writer.finish().unwrap()).unwrap();
+    cast(&place, 0..2, 2);
+    same(&folder, &place, &alone, "a patch foreseen wrongly");
+}
+
+#[test]
 fn a_shard_that_is_done_or_not_there_is_nothing_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("plan");
@@ -291,17 +314,18 @@ fn shards_that_cannot_be_used_are_named_with_what_mends_them() {
         }
         writer.finish().unwrap()
     };
-    let elsewhere = written(&["settings", "rows", "again"], &|identity| {
+    let elsewhere = written(&["settings", "rows", "again", "stencils"], &|identity| {
         identity["build"]["instruction_set"] = "abacus".into();
     });
-    let short = written(&["settings", "rows"], &|_| ());
+    let short = written(&["settings", "rows", "stencils"], &|_| ());
+    let blind = written(&["settings", "rows", "again"], &|_| ());
     let changed = |at: usize| {
         let mut bytes = sound[1].clone();
         bytes[at] ^= 4;
         bytes
     };
     let cut = sound[1][..sound[1].len() / 2].to_vec();
-    let cases: [(&str, Option<Vec<u8>>); 10] = [
+    let cases: [(&str, Option<Vec<u8>>); 11] = [
         ("shard 1 is missing", None),
         ("cut off", Some(cut)),
         ("its first bytes are lost (0 bytes)", Some(Vec::new())),
@@ -312,6 +336,7 @@ fn shards_that_cannot_be_used_are_named_with_what_mends_them() {
         ("is of another scene", Some(sides)),
         ("made by another build: instruction set abacus there", Some(elsewhere)),
         ("lacks rows", Some(short)),
+        ("block stencils 0: is missing", Some(blind)),
     ];
     let to = folder.path().join("out");
     for (what, bytes) in cases {
@@ -355,13 +380,29 @@ fn a_plan_of_another_build_or_in_another_plans_place_is_refused() {
     let path = place.join("plan.lxt");
     let bytes = fs::read(&path).unwrap();
     let file = Container::of_bytes(&path, bytes.clone().into(), Name::new("plan")).unwrap();
-    let mut identity: serde_json::Value = file.json(Name::new("identity"), 0).unwrap();
-    identity["build"]["version"] = "0.0.1".into();
-    let mut writer = Writer::new(Vec::new(), Name::new("plan")).unwrap();
-    writer.json(Name::new("identity"), 0, &identity).unwrap();
-    fs::write(&path, writer.finish().unwrap()).unwrap();
+    // One JSON block with another value, and checksums that fit.
+    let change = |name: &str, change: &dyn Fn(&mut serde_json::Value)| {
+        let mut writer = Writer::new(Vec::new(), Name::new("plan")).unwrap();
+        for (kind, number) in file.names() {
+            if kind == Name::new(name) {
+                let mut value: serde_json::Value = file.json(kind, number).unwrap();
+                change(&mut value);
+                writer.json(kind, number, &value).unwrap();
+            } else {
+                writer.block(kind, number, &[&file.block(kind, number).unwrap()]).unwrap();
+            }
+        }
+        fs::write(&path, writer.finish().unwrap()).unwrap();
+    };
+    change("identity", &|identity| identity["build"]["version"] = "0.0.1".into());
     let said = ends(&mut shard(&place, "0"), 1);
     assert!(said.contains("plan.lxt: ") && said.contains("luxel 0.0.1 there"), "{said}");
+    // Nobody makes a list of so many patches.
+    change("shards", &|shards| shards[1]["patches"]["end"] = u32::MAX.into());
+    for command in [&mut shard(&place, "0"), luxel().args(["farm", "status"]).arg(&place)] {
+        let said = ends(command, 1);
+        assert!(said.contains("block shards 0: is not of these patches"), "{said}");
+    }
 
     fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
     assert!(ends(&mut shard(&place, "0"), 1).contains("plan.lxt: is cut off"));

@@ -96,8 +96,10 @@ fn a_dry_run_shows_scripts_and_commands_and_leaves_nothing() {
     let site = Site::new(TAKES);
     let before = files(&site.path("my plan"));
     let output = site.submit(&["--dry-run", "--slurm", "--comment", "it's"]);
-    let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success());
+    let behind = site.submit(&["--slurm", "--comment", "it's", "--dry-run"]);
+    assert_eq!(behind.stdout, output.stdout);
+    let text = String::from_utf8(output.stdout).unwrap();
     for line in [
         "#SBATCH --requeue",
         &format!("plan='{}'", site.path("my plan").display()),

@@ -199,6 +199,10 @@ fn an_interrupted_bake_that_is_resumed_writes_the_same_bytes() {
     // It is gone with the end of the bake, and nothing to resume is no error.
     assert_eq!(names(&out), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
     assert!(bake(&out, &["--grid", "6", "--rays", "16", "--resume"]).output().unwrap().status.success());
+    // Nor is one left behind by a bake that writes none.
+    fs::write(out.join(".luxel.checkpoint"), "of an earlier bake").unwrap();
+    assert!(bake(&out, &["--grid", "6", "--rays", "16", "--no-checkpoint"]).output().unwrap().status.success());
+    assert_eq!(names(&out), ["bake.json", "lit.glb", "patches.ply", "vertices.ply"]);
 }
 
 #[test]

@@ -67,12 +67,7 @@ fn outlook(
 
     let (corners, vertices) = if options.patches == PatchSource::Surfels {
         let fragments = &simplified.fragments;
-        let seen = |f: usize, side: usize| {
-            let patch = fragments.patch[f][side] as usize;
-            patch != NO_PATCH as usize && (lit[patch] || !outer(patch))
-        };
-        let wanted = |f: usize, side: usize| seen(f, side) || (side == 0 && !seen(f, 1));
-        let (corners, vertices) = simplify::foresee(scene, fragments, wanted);
+        let (corners, vertices) = mesh(scene, simplified, |patch| lit[patch] || !outer(patch));
         // Sides that are dark or hidden inside objects get none, but every piece has one side.
         let one_side: usize = (0..fragments.len()).map(|f| fragments.uv(f).len()).sum();
         let left = (corners as f64 * (1.0 - dark)).max(one_side as f64).min(corners as f64);
@@ -89,6 +84,22 @@ fn outlook(
         vertices: vertices as usize,
         estimate: options.estimate,
     }))
+}
+
+/// Corners and vertices of the split mesh of the sides whose patches are `seen`, and of the fronts of the rest.
+fn mesh(scene: &Scene, simplified: &Simplified, seen: impl Fn(usize) -> bool + Sync) -> (usize, usize) {
+    let fragments = &simplified.fragments;
+    let seen = |f: usize, side: usize| {
+        let patch = fragments.patch[f][side];
+        patch != NO_PATCH && seen(patch as usize)
+    };
+    simplify::foresee(scene, fragments, |f, side| seen(f, side) || (side == 0 && !seen(f, 1)))
+}
+
+/// What the process will take if it makes the vertices of all patches, and nothing more.
+pub(super) fn of_mesh(scene: &Scene, simplified: &Simplified) -> Outlook {
+    let (corners, vertices) = mesh(scene, simplified, |_| true);
+    Outlook::of_mesh(corners, vertices)
 }
 
 /// Bytes of scene, ray tracer, patches and their direct light.

@@ -2,12 +2,13 @@
 
 use std::borrow::Cow;
 
-use super::{measure::Clock, needs::Needs, outlook::begin, tracers::Tracers, vertices};
+use super::{Sight, measure::Clock, needs::Needs, outlook::begin, tracers::Tracers, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
     progress::Progress,
-    reconstruct::{Field, Level, PatchIndex, Stencils},
+    reconstruct::{PatchIndex, Stencils},
+    scene::SurfacePoint,
     simplify::{self, Grid, Simplified},
     skip::{self, Foresight, Wanted},
     trace,
@@ -34,7 +35,7 @@ pub struct Kept {
 /// Successive patches whose rows make a block of what is prepared, and whose rows of other rays do: one in 16 patches
 /// or more has these.
 pub(crate) const ROWS_A_BLOCK: usize = 64;
-const AGAIN_A_BLOCK: usize = 1024;
+pub(crate) const AGAIN_A_BLOCK: usize = 1024;
 
 /// A scene that is ready to be lit.
 pub(super) struct Prepared<'a> {
@@ -83,24 +84,18 @@ impl<'a> Prepared<'a> {
 
     /// Which patches the vertices of all visible surfaces take their light from.
     pub fn stencils(&self, options: &BakeOptions, rows: &Rows) -> Stencils {
-        let (scene, simplified, index) = (&*self.scene, &self.simplified, &self.index);
         let known = rows.visible();
-        let mesh =
-            vertices::mesh(scene, simplified, &known, index, options, self.only.as_ref(), self.tracers.surfaces());
-        let field = Field {
-            simplified,
-            index,
-            values: &[],
-            known: &known,
-            tracer: self.tracers.surfaces(),
-            normals: &scene.normals(),
-            two_sided: &scene.triangles.iter().map(|t| t.two_sided).collect::<Vec<bool>>(),
-            cos_threshold: options.normal_threshold.to_radians().cos(),
-            senders: None,
-            level: &Level::new(simplified),
-            stencils: None,
-        };
-        Stencils::new(&field, &mesh.samples)
+        let points = self.points_of_vertices(options, &known);
+        let (tracer, normals) = (self.tracers.surfaces(), self.scene.normals());
+        let sight = Sight::new(self, known, options);
+        let level = sight.level(self.simplified.grid.voxel_size);
+        Stencils::new(&sight.field(&self.simplified, &self.index, tracer, &normals, &level, options), &points)
+    }
+
+    /// Where the light of the vertices of all visible surfaces is computed, if these patches are `known`.
+    pub fn points_of_vertices(&self, options: &BakeOptions, known: &[bool]) -> Vec<SurfacePoint> {
+        let (only, tracer) = (self.only.as_ref(), self.tracers.surfaces());
+        vertices::mesh(&self.scene, &self.simplified, known, &self.index, options, only, tracer).samples
     }
 
     /// How rows are cast.
@@ -129,16 +124,13 @@ impl<'a> Prepared<'a> {
             }
             None => {
                 let all: Vec<u32> = (0..self.simplified.patches.len() as u32).collect();
-                let rays = transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?;
-                kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |_| true);
-                rays
+                transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?
             }
         };
         if options.estimate {
             let again = estimate::again(self.simplified.patches.len(), options.seed);
             let casting = Casting { again: 1, marked: false, ..casting };
             rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
-            kept.again = kept.again.in_order(AGAIN_A_BLOCK, |_| true);
         }
         Ok(rays)
     }

@@ -19,4 +19,9 @@ impl Tracers {
     pub fn patches(&self) -> &dyn RayTracer {
         self.faces.as_deref().unwrap_or(&*self.surfaces)
     }
+
+    /// That one alone.
+    pub fn into_patches(self) -> Box<dyn RayTracer> {
+        self.faces.unwrap_or(self.surfaces)
+    }
 }

@@ -8,6 +8,7 @@ use luxel::{
     bake::{self, Run},
     farm::{Cast, Division, Plan, ShardState, ShardStatus},
     lxt::Transfer,
+    output::atomic::folder_of,
 };
 use serde_json::json;
 
@@ -15,7 +16,6 @@ use super::{
     args::{BakeArgs, Running, on_threads},
     keeper::{Memory, SHARD},
     parse,
-    prepare::folder_of,
     progress::{Style, Terminal},
     results::Results,
     say, signals,

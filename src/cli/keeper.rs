@@ -1,6 +1,7 @@
 //! What happens to the rows of a bake while they are cast: they may be written down, or moved out of memory.
 
 use std::{
+    io,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -45,6 +46,7 @@ impl Memory {
             foretold: None,
             spill: None,
             checkpoint: None,
+            outdated: None,
             resume: false,
             resumed: 0,
             warning: None,
@@ -75,7 +77,8 @@ pub struct Resume {
     /// How often form factors are written down while they are cast: a bake that is killed loses so much
     #[arg(long, value_name = "TIME", value_parser = parse::time, default_value = "5s")]
     checkpoint_every: Duration,
-    /// Do not write form factors down while they are cast: an interrupted bake begins anew
+    /// Do not write form factors down while they are cast: an interrupted bake begins anew. Those of an earlier bake stay in
+    /// the output folder until the results are there
     #[arg(long, conflicts_with = "checkpoint_every")]
     no_checkpoint: bool,
 }
@@ -89,8 +92,11 @@ impl Resume {
     /// # Errors
     /// Those of [`Checkpoint::new`].
     pub fn arm(&self, keeper: &mut Keeper, folder: &Path, scene: &Scene, options: &BakeOptions) -> Result<()> {
-        if !self.no_checkpoint {
-            keeper.checkpoint = Some(Checkpoint::new(folder.join(CHECKPOINT), scene, options, self.checkpoint_every)?);
+        let path = folder.join(CHECKPOINT);
+        if self.no_checkpoint {
+            keeper.outdated = Some(path);
+        } else {
+            keeper.checkpoint = Some(Checkpoint::new(path, scene, options, self.checkpoint_every)?);
             keeper.resume = self.resume;
         }
         Ok(())
@@ -108,6 +114,8 @@ pub struct Keeper {
     foretold: Option<u64>,
     spill: Option<Spill>,
     checkpoint: Option<Checkpoint>,
+    /// A checkpoint, if it is there, that serves nobody once there are results.
+    outdated: Option<PathBuf>,
     resume: bool,
     /// Rows that were there already.
     resumed: usize,
@@ -137,6 +145,12 @@ impl Keeper {
     /// # Errors
     /// It cannot be removed.
     pub fn finish(self) -> Result<()> {
+        if let Some(path) = self.outdated
+            && let Err(e) = std::fs::remove_file(&path)
+            && e.kind() != io::ErrorKind::NotFound
+        {
+            return Err(Error::io(path, e));
+        }
         self.checkpoint.map_or(Ok(()), Checkpoint::remove)
     }
 

@@ -11,14 +11,16 @@ use luxel::{
     Error, Result,
     bake::{Irradiance, Run},
     lxt::Cache,
-    output::{atomic::Staged, report::summary},
+    output::{
+        atomic::{Staged, folder_of},
+        report::summary,
+    },
     progress,
     scene::{Frame, SurfacePoint},
 };
 
 use super::{
     args::{BakeArgs, Goals},
-    prepare::folder_of,
     progress::{Style, Terminal},
     say,
 };

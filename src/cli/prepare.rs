@@ -1,14 +1,12 @@
 //! `luxel prepare`.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::PathBuf, time::Instant};
 
 use luxel::{
     Error, Result,
     bake::{self, Kept, Run},
     lxt::Transfer,
+    output::atomic::folder_of,
 };
 
 use super::{
@@ -57,9 +55,4 @@ pub fn run(args: &Args) -> Result<()> {
         line("written to", format!("{}, {} MB", args.output.display(), size / 1_000_000));
     }
     Ok(())
-}
-
-/// The folder of a file.
-pub fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -12,6 +12,8 @@ use crate::{
         Transfer,
         rows::{self, Entries, ROWS},
     },
+    outlook::Outlook,
+    reconstruct::Stencils,
     transfer::Rows,
 };
 
@@ -27,17 +29,18 @@ impl Plan {
         self.source()?.build()
     }
 
-    /// What all shards have cast, for [`prepare`](crate::bake::prepare) and [`bake_with`](crate::bake::bake_with): these
+    /// What all shards have made, for [`prepare`](crate::bake::prepare) and [`bake_with`](crate::bake::bake_with): these
     /// need cast no row.
     ///
     /// # Errors
     /// [`Error::Shards`] naming those that are missing or cannot be used; [`Error::Input`] if the plan is damaged.
     pub fn merge(&self) -> Result<Kept> {
-        self.gather(Entries::Checked)
+        let kept = self.gather(Entries::Checked)?;
+        Ok(Kept { simplified: Some(self.simplified()?), ..kept })
     }
 
-    /// Writes the transfer file that [`prepare`](bake::prepare) and [`Transfer::write`] make of the scene: rows are copied
-    /// from the shards, after a look at their checksums.
+    /// Writes the transfer file that [`prepare`](bake::prepare) and [`Transfer::write`] make of the scene: what shards and
+    /// plan hold is copied, after a look at the checksums.
     ///
     /// # Errors
     /// Those of [`Plan::merge`] and [`Transfer::write`].
@@ -45,24 +48,32 @@ impl Plan {
         // What matters to the wanted meshes is in the rows, else nobody reads them here.
         let entries = if self.options().only.is_empty() { Entries::Copied } else { Entries::Checked };
         let mut kept = self.gather(entries)?;
+        if let Some(stencils) = kept.stencils.take() {
+            let rest = self.file.size() + size_of_val(stencils.parts().0);
+            run.keeper.begin(&mut kept.rows, &|| Ok(Outlook { rest: rest as u64, ..Outlook::of_rows(0.0) }))?;
+            return Transfer::copy(path, &self.file, &Kept { stencils: Some(stencils), ..kept });
+        }
+        kept.simplified = Some(self.simplified()?);
         let source = self.source()?;
         let scene = source.clone().build()?;
         bake::prepare(&scene, self.options(), &mut kept, run)?;
         Transfer::write(path, &source, &scene, self.options(), &kept)
     }
 
+    /// All but the patches; stencils only if the rows agree with what these were made with.
     fn gather(&self, entries: Entries) -> Result<Kept> {
         let patches = self.patches();
         let outline = self.outline()?;
         let read: Vec<_> = (0..self.shards().len()).into_par_iter().map(|k| self.shard(k, &outline, entries)).collect();
         let mut rows: Rows = rows::read_all(&self.file, ROWS, patches, entries)?;
         let mut again = Rows::new(patches);
-        let mut flaws = Vec::new();
+        let (mut stencils, mut flaws) = (Vec::new(), Vec::new());
         for (k, shard) in read.into_iter().enumerate() {
             match shard {
                 Ok(shard) => {
                     shard.rows.into_iter().for_each(|block| rows.add(block));
                     shard.again.into_iter().for_each(|block| again.add(block));
+                    stencils.extend(shard.stencils);
                 }
                 Err(error) => flaws.push((k, error)),
             }
@@ -70,7 +81,9 @@ impl Plan {
         if !flaws.is_empty() {
             return Err(self.unfinished(&flaws));
         }
-        Ok(Kept { simplified: Some(self.simplified()?), rows, again, marked: true, ..Kept::default() })
+        let holds = self.sight()?.is_some_and(|sight| sight.known == rows.visible());
+        let stencils = holds.then(|| Stencils::joined(stencils));
+        Ok(Kept { rows, again, stencils, marked: true, ..Kept::default() })
     }
 
     fn unfinished(&self, flaws: &[(usize, Error)]) -> Error {

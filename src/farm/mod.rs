@@ -5,12 +5,16 @@
 //! same build, in any order. [`Plan::merge`] puts them together. As a row depends on the patches, the settings and its
 //! number alone, how the work was divided makes no difference to the result.
 //!
+//! Where vertices are depends on which patches are hidden, which rows tell at last. A few rays of each patch foretell it, so
+//! that the plan can make the vertices and each shard the stencils of its part of them; if the rows tell otherwise, they are
+//! made when the shards are merged.
+//!
 //! The folder of a plan:
 //!
 //! | file | |
 //! |-|-|
-//! | `plan.lxt` | the scene, the patches, the settings, the shards |
-//! | `shard-K.lxt` | the rows of shard K, whole or not there |
+//! | `plan.lxt` | the scene, the patches, the vertices, the settings, the shards |
+//! | `shard-K.lxt` | the rows and stencils of shard K, whole or not there |
 //! | `shard-K.checkpoint` | rows of shard K while it is cast |
 //! | `.shard-K.lock` | who casts it |
 //! | `array.sbatch`, `merge.sbatch`, `logs/` | jobs of Slurm, and what they say ([`submit`]) |

@@ -14,16 +14,17 @@ use super::{
 };
 use crate::{
     BakeOptions, Error, Result, Scene,
-    bake::{self, Kept, Outline, ROWS_A_BLOCK, Run},
+    bake::{self, Kept, Outline, Outlined, ROWS_A_BLOCK, Run, Shared, Sight},
     estimate,
     lxt::{
         Container, Identity, Name,
         rows::{self, ROWS},
-        simplified, source, write_file,
+        simplified, source, stencils, write_file,
     },
-    scene::Source,
+    reconstruct::Stencils,
+    scene::{Source, SurfacePoint},
     simplify::Simplified,
-    trace,
+    trace::RayTracer,
     transfer::{self, Casting, RowPoints},
 };
 
@@ -31,6 +32,7 @@ const PLAN: Name = Name::new("plan");
 const IDENTITY: Name = Name::new("identity");
 const OPTIONS: Name = Name::new("options");
 const OUTLINE: Name = Name::new("outline");
+pub(super) const SIGHT: Name = Name::new("sight");
 const SHARDS: Name = Name::new("shards");
 
 /// Name of the file in the folder.
@@ -75,11 +77,11 @@ impl Plan {
         let path = Plan::check_place(folder)?;
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
-        let outline = bake::outline(scene, options, &mut kept, run)?;
+        let Outlined { outline, shared, tracer } = bake::outline(scene, options, &mut kept, run)?;
         let Some(simplified) = &kept.simplified else {
             return Err(Error::Scene(format!("scene \"{}\" has no patches", scene.name)));
         };
-        let shards = divided(simplified, &outline, options, division)?;
+        let shards = divided(simplified, &*tracer, &outline, options, division)?;
         write_file(&path, PLAN, |out| {
             out.json(IDENTITY, 0, &identity)?;
             out.json(SHARDS, 0, &shards)?;
@@ -87,7 +89,13 @@ impl Plan {
             source::write(out, source)?;
             simplified::write_alone(out, simplified)?;
             out.value(OUTLINE, 0, &outline)?;
-            rows::write_all(out, ROWS, &kept.rows.in_order(ROWS_A_BLOCK, |_| true))
+            if let Some(Shared { points, sight }) = &shared {
+                out.value(SIGHT, 0, sight)?;
+                for (k, part) in (0..).zip(evenly(points, shards.len())) {
+                    stencils::write_points(out, k, part)?;
+                }
+            }
+            rows::write_in_order(out, ROWS, &kept.rows, ROWS_A_BLOCK)
         })?;
         Plan::open(folder)
     }
@@ -125,6 +133,10 @@ impl Plan {
                 return Err(file.wrong(SHARDS, 0, "leaves patches out, or names some twice"));
             }
             end = patches.end;
+        }
+        // Lists of all patches are made of what this says, some before the patches are read.
+        if simplified::count(&file)? != end as usize {
+            return Err(file.wrong(SHARDS, 0, "is not of these patches"));
         }
         Ok(Plan { folder: folder.into(), file, identity, options, shards, again: OnceLock::new() })
     }
@@ -169,12 +181,27 @@ impl Plan {
 
     /// The patches, in no colours.
     pub(super) fn simplified(&self) -> Result<Simplified> {
-        let simplified = simplified::read_alone(&self.file)?;
-        if simplified.patches.len() == self.patches() {
-            Ok(simplified)
-        } else {
-            Err(self.file.wrong(SHARDS, 0, "is not of these patches"))
-        }
+        simplified::read_alone(&self.file)
+    }
+
+    /// Whether shards make stencils.
+    pub(super) fn has_sight(&self) -> bool {
+        self.file.numbers(SIGHT).next().is_some()
+    }
+
+    /// What these depend on; `None` if no shard makes any.
+    pub(super) fn sight(&self) -> Result<Option<Sight>> {
+        self.has_sight().then(|| self.file.value(SIGHT, 0)).transpose()
+    }
+
+    /// How many points shard `k` makes stencils of.
+    pub(super) fn points_of(&self, k: usize) -> usize {
+        stencils::count_points(&self.file, k as u64)
+    }
+
+    /// Points whose stencils shard `k` makes.
+    pub(super) fn points(&self, k: usize) -> Result<Vec<SurfacePoint>> {
+        stencils::read_points(&self.file, k as u64)
     }
 
     /// How rows are cast.
@@ -202,11 +229,23 @@ impl Plan {
     }
 }
 
+/// The points in so many parts of about equal length, whose stencils can be made one by one.
+fn evenly(points: &[SurfacePoint], parts: usize) -> impl Iterator<Item = &[SurfacePoint]> {
+    let units = points.len().div_ceil(Stencils::TOGETHER);
+    let at = move |part: usize| (units * part / parts * Stencils::TOGETHER).min(points.len());
+    (0..parts).map(move |part| &points[at(part)..at(part + 1)])
+}
+
 /// The work of each shard.
-fn divided(simplified: &Simplified, outline: &Outline, options: &BakeOptions, division: Division) -> Result<Vec<Part>> {
-    let tracer = trace::build(options.backend, &simplified.geometry)?;
-    let points = RowPoints::new(options.rays.min(SAMPLE_RAYS), options.seed, &*tracer);
-    let casting = Casting { marked: true, ..Casting::new(simplified, &*tracer, &outline.outer, &points) };
+fn divided(
+    simplified: &Simplified,
+    tracer: &dyn RayTracer,
+    outline: &Outline,
+    options: &BakeOptions,
+    division: Division,
+) -> Result<Vec<Part>> {
+    let points = RowPoints::new(options.rays.min(SAMPLE_RAYS), options.seed, tracer);
+    let casting = Casting { marked: true, ..Casting::new(simplified, tracer, &outline.outer, &points) };
     let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
     let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {
         (true, _) => 0,

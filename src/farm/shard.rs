@@ -10,7 +10,7 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 
-use super::Plan;
+use super::{Plan, plan::SIGHT};
 use crate::{
     Error, Result,
     bake::{self, Outline, ROWS_A_BLOCK, Run},
@@ -18,11 +18,15 @@ use crate::{
     lxt::{
         Checkpoint, Container, Identity, Name,
         rows::{self, AGAIN, Entries, ROWS},
-        write_file,
+        stencils, write_file,
     },
+    outlook::Outlook,
     output::atomic::sweep,
-    progress::Progress,
-    trace,
+    progress::{self, Progress},
+    reconstruct::{PatchIndex, Stencils},
+    scene::SurfacePoint,
+    simplify::Simplified,
+    trace::{self, RayTracer},
     transfer::{self, Block, Casting, RowKeeper, RowPoints, Rows},
 };
 
@@ -38,6 +42,12 @@ const PAUSE: Duration = Duration::from_millis(30);
 /// a kill costs is a few seconds, and half of the work at most.
 const FIRST: Duration = Duration::from_millis(500);
 const LAST: Duration = Duration::from_secs(8);
+
+/// Bytes of a point and its stencil of some eight patches, which are there twice when all are joined.
+const STENCIL: usize = 2 * (24 + 4 + 8 * 8);
+
+/// Points whose stencils are made before somebody may ask to stop, in units of [`Stencils::TOGETHER`].
+const POINTS: usize = 256;
 
 /// What came of the order to cast a shard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +80,8 @@ struct Settings {
 pub(super) struct Shard {
     pub rows: Vec<Block>,
     pub again: Vec<Block>,
+    /// Of its part of the vertices, where shards make them.
+    pub stencils: Option<Stencils>,
 }
 
 impl Plan {
@@ -110,24 +122,57 @@ impl Plan {
         let resumed = own.iter().filter(|&&i| rows.get(i).is_some()).count();
         let progress = run.progress;
         let missing: Vec<u32> = own.iter().copied().filter(|&i| rows.get(i).is_none()).collect();
-        journal.keeper.begin(&mut rows, &|| bake::of_rows(&casting, &missing, progress))?;
+        let foretell = || {
+            let stencils = self.points_of(k) * STENCIL;
+            // Those of other rays take about as much.
+            let rows = bake::of_rows(&casting, &[&missing[..], &other].concat(), progress)?;
+            Ok(Outlook { rest: stencils as u64, ..rows })
+        };
+        journal.keeper.begin(&mut rows, &foretell)?;
         let cast = journal.cast(&casting, [&own, &other], &outline.few, [&mut rows, &mut again], progress);
-        if cast.is_err() {
+        let done = cast.and_then(|rays| Ok((rays, self.stencils(k, &simplified, &*tracer, progress)?)));
+        if done.is_err() {
             // Nobody asks an interrupted shard twice; where the disk is full, that was the error.
             journal.checkpoint.flush().ok();
         }
-        let rays = cast?;
+        let (rays, stencils) = done?;
 
-        let rows = rows.in_order(ROWS_A_BLOCK, |_| true);
-        let again = again.in_order(ROWS_A_BLOCK, |_| true);
         write_file(&self.shard_path(k), SHARD, |out| {
             out.json(IDENTITY, 0, self.identity())?;
             out.json(SETTINGS, 0, &self.settings(k))?;
-            rows::write_all(out, ROWS, &rows)?;
-            rows::write_all(out, AGAIN, &again)
+            rows::write_in_order(out, ROWS, &rows, ROWS_A_BLOCK)?;
+            rows::write_in_order(out, AGAIN, &again, ROWS_A_BLOCK)?;
+            stencils.as_ref().map_or(Ok(()), |stencils| stencils::write_alone(out, stencils))
         })?;
         journal.checkpoint.remove()?;
         Ok(Cast::Now { rays, resumed })
+    }
+
+    /// Which patches the vertices of shard `k` take their light from, if shards make that.
+    fn stencils(
+        &self,
+        k: usize,
+        simplified: &Simplified,
+        tracer: &dyn RayTracer,
+        progress: &dyn Progress,
+    ) -> Result<Option<Stencils>> {
+        let Some(sight) = self.sight()? else { return Ok(None) };
+        if !sight.fits(simplified.patches.len(), simplified.geometry.triangles.len()) {
+            return Err(self.file.wrong(SIGHT, 0, "is not of these patches"));
+        }
+        let points = self.points(k)?;
+        let (index, normals) = (PatchIndex::new(&simplified.patches, simplified.grid), simplified.normals());
+        let level = sight.level(simplified.grid.voxel_size);
+        let field = sight.field(simplified, &index, tracer, &normals, &level, self.options());
+        progress.begin("vertices", points.len() as u64);
+        let part = |points: &[SurfacePoint]| {
+            progress::go_on(progress, "vertices")?;
+            progress.advance(points.len() as u64);
+            Ok(Stencils::new(&field, points))
+        };
+        let parts = points.chunks(POINTS * Stencils::TOGETHER).map(part).collect::<Result<Vec<Stencils>>>()?;
+        progress.end();
+        Ok(Some(Stencils::joined(parts)))
     }
 
     /// The rows of shard `k`, if all of them are there and sound.
@@ -148,7 +193,11 @@ impl Plan {
         }
         file.verify()?;
         let read = |kind: Name| rows::read_blocks(&file, kind, patches, entries);
-        let shard = Shard { rows: read(ROWS)?, again: read(AGAIN)? };
+        let stencils = match self.has_sight() {
+            true => Some(stencils::read_alone(&file, self.points(k)?, patches)?),
+            false => None,
+        };
+        let shard = Shard { rows: read(ROWS)?, again: read(AGAIN)?, stencils };
         let (own, other) = self.rows_of(k, outline);
         let rays = self.options().rays;
         let few = |i: u32| outline.few.get(i as usize).is_some_and(|&few| few);

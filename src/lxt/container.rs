@@ -85,6 +85,17 @@ impl Container {
         self.names().filter(move |name| name.0 == kind).map(|name| name.1)
     }
 
+    /// Length of block `number` of `kind` in bytes, if it is there.
+    pub fn length(&self, kind: Name, number: u64) -> Option<usize> {
+        let &i = self.by_name.get(&(kind, number))?;
+        Some(self.blocks[i].entry.length as usize)
+    }
+
+    /// Bytes of the file.
+    pub fn size(&self) -> usize {
+        self.bytes.len()
+    }
+
     /// The payload of block `number` of `kind`: a part of the mapped file, at a multiple of 64 bytes.
     ///
     /// # Errors

@@ -130,6 +130,19 @@ pub fn write_all<W: Write>(out: &mut Writer<W>, kind: Name, rows: &Rows) -> io::
     (0..).zip(rows.blocks()).try_for_each(|(number, block)| write(out, kind, number, block))
 }
 
+/// Writes all `rows` in order, a block for each so many successive patches, numbered from 0: see [`Rows::in_order`].
+///
+/// # Errors
+/// Those of the output.
+pub fn write_in_order<W: Write>(out: &mut Writer<W>, kind: Name, rows: &Rows, patches: usize) -> io::Result<()> {
+    let mut number = 0;
+    rows.each_in_order(patches, |block| {
+        write(out, kind, number, block)?;
+        number += 1;
+        Ok(())
+    })
+}
+
 /// Reads all blocks of `kind`, of a scene with so many patches. Entries and marks are not copied.
 ///
 /// # Errors

@@ -50,6 +50,21 @@ pub fn read_alone(file: &Container) -> Result<Simplified> {
     of_parts(file, file.value(GRID, 0)?, file.value(GEOMETRY, 0)?)
 }
 
+/// How many patches there are, without reading them.
+///
+/// # Errors
+/// Those of [`Container::value`].
+pub fn count(file: &Container) -> Result<usize> {
+    // Their areas come first, after the length of these in bytes.
+    match postcard::take_from_bytes::<usize>(&file.block(PATCHES, 0)?) {
+        Ok((bytes, _)) => Ok(bytes / size_of::<f32>()),
+        Err(e) => Err(file.wrong(PATCHES, 0, &format!("cannot be understood ({e})"))),
+    }
+}
+
+/// The blocks that [`write()`] and [`write_alone`] have in common.
+pub(super) const COMMON: [Name; 3] = [GRID, FRAGMENTS, PATCHES];
+
 /// Reads what [`write()`] wrote of a scene with this geometry and these options; the patches have no colours yet.
 ///
 /// # Errors

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use super::{Container, Name, Writer};
 use crate::{Result, scene::Source};
 
-const SCENE: Name = Name::new("scene");
+pub(super) const SCENE: Name = Name::new("scene");
 
 /// Writes the scene.
 ///

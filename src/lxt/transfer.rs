@@ -8,13 +8,12 @@ use std::{
 use super::{
     Container, Identity, Name, Writer,
     rows::{self, AGAIN, Entries, ROWS},
-    simplified, source, stencils,
-    write::{folder_of, write_file},
+    simplified, source, stencils, write_file,
 };
 use crate::{
     BakeOptions, Error, Result, Scene,
-    bake::Kept,
-    output::atomic::Staged,
+    bake::{AGAIN_A_BLOCK, Kept, ROWS_A_BLOCK},
+    output::atomic::{Staged, folder_of},
     scene::{SceneOverrides, Source},
 };
 
@@ -60,11 +59,30 @@ impl Transfer {
         if let Some(simplified) = &kept.simplified {
             simplified::write(out, simplified, options)?;
         }
+        Transfer::fill_rest(out, kept)
+    }
+
+    /// Writes the blocks behind those of the patches.
+    fn fill_rest<W: Write>(out: &mut Writer<W>, kept: &Kept) -> io::Result<()> {
         if let Some(stencils) = &kept.stencils {
             stencils::write(out, stencils)?;
         }
-        rows::write_all(out, ROWS, &kept.rows)?;
-        rows::write_all(out, AGAIN, &kept.again)
+        rows::write_in_order(out, ROWS, &kept.rows, ROWS_A_BLOCK)?;
+        rows::write_in_order(out, AGAIN, &kept.again, AGAIN_A_BLOCK)
+    }
+
+    /// As [`Transfer::write`], of what does not go with `kept` a copy of the blocks of `file`, which has them for its own
+    /// purpose. Patches are pieces of the surfaces.
+    ///
+    /// # Errors
+    /// Those of [`Transfer::write`] and [`Container::block`].
+    pub fn copy(path: &Path, file: &Container, kept: &Kept) -> Result<()> {
+        let kinds = [IDENTITY, OPTIONS, source::SCENE].into_iter().chain(simplified::COMMON);
+        let blocks = kinds.map(|kind| Ok((kind, file.block_with_hash(kind, 0)?))).collect::<Result<Vec<_>>>()?;
+        write_file(path, Transfer::PURPOSE, |out| {
+            blocks.iter().try_for_each(|(kind, (payload, hash))| out.copy(*kind, 0, payload, *hash))?;
+            Transfer::fill_rest(out, kept)
+        })
     }
 
     /// Proves that the file `path` can be written; makes its folder if it is missing.

@@ -8,7 +8,10 @@ use std::{
 use serde::Serialize;
 
 use super::layout::{ALIGNMENT, END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned};
-use crate::{Error, Result, output::atomic::Staged};
+use crate::{
+    Error, Result,
+    output::atomic::{Staged, folder_of},
+};
 
 /// Writes a container block by block; nothing of it is kept but the table.
 pub struct Writer<W: Write> {
@@ -138,11 +141,6 @@ impl<W: Write> Write for Payload<'_, W> {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
-}
-
-/// The folder of a file.
-pub(super) fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Writes the file `path` whole or not at all; its folder is made if it is missing.

@@ -9,6 +9,11 @@ use std::{
 
 use crate::{Error, Result, lock::Lock};
 
+/// The folder of a file.
+pub fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
 /// A set of output files of one folder.
 ///
 /// Every file is written under a temporary name in the folder. [`Staged::commit`] moves all of them to their places,

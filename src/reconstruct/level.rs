@@ -46,7 +46,17 @@ impl Level {
             depth / voxel_size
         };
         let depth = (0..patches.len()).into_par_iter().map(depth).collect();
-        Level { depth, voxel_size, ..Level::default() }
+        Level::of(depth, simplified.grid.voxel_size)
+    }
+
+    /// As [`Level::new`] found it: the [depth](Level::depth) of each patch, in voxels of this size.
+    pub fn of(depth: Vec<f32>, voxel_size: f64) -> Level {
+        Level { depth, voxel_size: voxel_size as f32, ..Level::default() }
+    }
+
+    /// How far, in voxels, each patch reaches to either side of its centroid, along its normal; infinite if it is not flat.
+    pub fn depth(&self) -> &[f32] {
+        &self.depth
     }
 
     /// Whether anything is known.

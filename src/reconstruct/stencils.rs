@@ -31,6 +31,10 @@ pub struct Stencils {
 }
 
 impl Stencils {
+    /// Successive points that are asked together: the stencils of a list are those of its parts, if all parts but the last hold
+    /// a multiple of so many.
+    pub const TOGETHER: usize = CHUNK;
+
     /// Finds the neighbours of `points`; the values of `field` do not matter.
     pub fn new(field: &Field, points: &[SurfacePoint]) -> Stencils {
         let found: Vec<(Vec<u32>, Vec<Neighbour>)> =
@@ -50,6 +54,21 @@ impl Stencils {
     /// Stencils of these parts, of which those of point k end at `ends[k]`.
     pub fn of(points: Vec<SurfacePoint>, ends: Vec<u32>, neighbours: Vec<Neighbour>) -> Stencils {
         Stencils { points, ends, neighbours, numbers: OnceLock::new() }
+    }
+
+    /// The stencils of all parts together, in their order.
+    pub fn joined(parts: Vec<Stencils>) -> Stencils {
+        let sum = |length: fn(&Stencils) -> usize| parts.iter().map(length).sum::<usize>();
+        let mut points = Vec::with_capacity(sum(|part| part.points.len()));
+        let mut ends = Vec::with_capacity(sum(|part| part.ends.len()));
+        let mut neighbours = Vec::with_capacity(sum(|part| part.neighbours.len()));
+        for part in parts {
+            let first = neighbours.len() as u32;
+            points.extend(part.points);
+            ends.extend(part.ends.iter().map(|end| first + end));
+            neighbours.extend(part.neighbours);
+        }
+        Stencils::of(points, ends, neighbours)
     }
 
     /// The points, where the neighbours of each end, and all neighbours.

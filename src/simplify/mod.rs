@@ -36,6 +36,7 @@ pub use surfels::{count, surfels};
 pub use triangles::patch_mesh;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::{
     BakeOptions, Result, Scene,
@@ -95,6 +96,11 @@ pub(crate) fn coloured(
 }
 
 impl Simplified {
+    /// Unit normals of the triangles that the patches are pieces of.
+    pub fn normals(&self) -> Vec<Vec3> {
+        (0..self.geometry.triangles.len()).into_par_iter().map(|t| normal_of(&self.corners(t))).collect()
+    }
+
     /// Corners of triangle `t`.
     pub fn corners(&self, t: usize) -> [Vec3; 3] {
         corners(&self.geometry, t)

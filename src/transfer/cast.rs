@@ -66,6 +66,24 @@ pub fn cast(
     Ok(cast)
 }
 
+/// Which patches the rows of `casting` will show to be [visible](Rows::visible), before they are cast. It takes one ray of most
+/// patches. Where surfaces coincide, which of them a ray meets depends on the rays beside it, so that this may, very seldom,
+/// differ from what the rows tell.
+pub fn foresee_visible(casting: &Casting) -> Vec<bool> {
+    let caster = Caster::new(casting);
+    let all: Vec<u32> = (0..casting.simplified.patches.len() as u32).collect();
+    let chunks = all.par_chunks(GLANCED).map(|chunk| {
+        let mut s = caster.take();
+        let visible: Vec<bool> = chunk.iter().map(|&i| caster.is_visible(i, &mut s)).collect();
+        caster.give_back(s);
+        visible
+    });
+    chunks.flatten_iter().collect()
+}
+
+/// Patches of a unit of parallel work where few rays are cast of each.
+const GLANCED: usize = 4096;
+
 /// How often [`seconds_a_ray`] casts each row.
 pub const TIMED: u32 = 2;
 

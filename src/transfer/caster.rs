@@ -23,6 +23,8 @@ const CHUNK_RAYS: usize = 1 << 14;
 const CHUNK: usize = 64;
 /// Rays that are cast before rows are kept: a tenth of a second or so on two threads.
 const SLICE_RAYS: usize = 1 << 22;
+/// Leading rays that are cast one by one to show that a patch is not hidden.
+const GLANCES: usize = 4;
 /// Purpose word of the rows' random bits.
 const ROW: u64 = 0x0072_6f77;
 
@@ -200,6 +202,26 @@ impl<'a> Caster<'a> {
             .collect()
     }
 
+    /// Whether patch `i` will not be hidden in its row: nearly every patch shows it by one of a few leading rays, the others
+    /// are asked for all of them.
+    pub fn is_visible(&self, i: u32, s: &mut Scratch) -> bool {
+        if self.is_outer(i) {
+            return true;
+        }
+        let Casting { simplified, points, again, .. } = self.casting;
+        let sets = points.rows();
+        let random = random(points.seed(), i, again);
+        s.emitter.load(simplified, i as usize);
+        let leading = sets.leading(random[0]);
+        let glance = |&k: &u16| {
+            let Scratch { emitter, parts: [part, _], .. } = &mut *s;
+            self.cast_part(sets, k as usize..k as usize + 1, random, emitter, part);
+            part.patches[0] != NO_PATCH
+        };
+        leading.iter().step_by(leading.len().div_ceil(GLANCES)).any(glance)
+            || self.cast(i, sets, false, s) != View::Hidden
+    }
+
     /// Casts the leading rays of patch `i`, and the others if the `whole` row is wanted and the patch is not hidden.
     fn cast(&self, i: u32, sets: &PointSets, whole: bool, s: &mut Scratch) -> View {
         let Casting { simplified, points, again, .. } = self.casting;
@@ -340,7 +362,7 @@ mod tests {
         scene,
         simplify::{self, Grid},
         trace,
-        transfer::{RowPoints, cast},
+        transfer::{RowPoints, cast, foresee_visible},
     };
 
     #[test]
@@ -365,6 +387,7 @@ mod tests {
             let hidden = marked.iter().filter(|p| p.0 == Probe::Dark(View::Hidden)).count();
             let sees = marked.iter().filter(|p| p.0 == Probe::SeesLight).count();
             assert!(hidden > 0 && sees > 0 && hidden + sees < n, "{hidden} hidden, {sees} see light, of {n}");
+            assert!(foresee_visible(&casting) == rows.visible(), "{rays} rays");
             // Hidden ones cast a probe.
             assert_eq!(sum, ((n - hidden) * rays as usize + hidden * points.probe_rays()) as u64);
         }

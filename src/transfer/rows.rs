@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::block::{Block, BlockWriter, RowRef, View};
-use crate::{Result, outlook::Outlook};
+use crate::outlook::Outlook;
 
 /// Rows that have been cast, by patch.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +17,9 @@ pub struct Rows {
 }
 
 const NONE: [u32; 2] = [u32::MAX; 2];
+
+/// Blocks that are put in order at one time where not all are kept.
+const AT_ONCE: usize = 64;
 
 impl Rows {
     /// No rows of so many patches.
@@ -58,29 +61,44 @@ impl Rows {
     /// wherever, when and together with which others they were cast. Blocks that are so already are not copied.
     pub fn in_order(&self, patches: usize, wanted: impl Fn(u32) -> bool + Sync) -> Rows {
         let all: Vec<u32> = (0..self.place.len() as u32).collect();
-        let blocks: Vec<Option<Block>> = all
-            .par_chunks(patches)
-            .map(|run| {
-                let run: Vec<u32> = run.iter().copied().filter(|&i| wanted(i) && self.get(i).is_some()).collect();
-                let number = self.place[*run.first()? as usize][0];
-                let block = &self.blocks[number as usize];
-                let is_here = |(k, &i): (u32, &u32)| self.place[i as usize] == [number, k];
-                if block.rows.len() == run.len() && (0..).zip(&run).all(is_here) {
-                    return Some(block.clone());
-                }
-                let mut writer = BlockWriter::default();
-                let rows = || run.iter().filter_map(|&i| self.get(i));
-                rows().for_each(|row| writer.copy(row));
-                // Marks are of all rows or of none.
-                if rows().any(|row| row.leading().is_none()) {
-                    writer.unmark();
-                }
-                Some(writer.finish())
-            })
-            .collect();
+        let blocks: Vec<Option<Block>> = all.par_chunks(patches).map(|run| self.block_of(run, &wanted)).collect();
         let mut rows = Rows::new(self.place.len());
         blocks.into_iter().flatten().for_each(|block| rows.add(block));
         rows
+    }
+
+    /// Shows all rows to `each` in order, a block for each so many successive patches: see [`Rows::in_order`]. There are but
+    /// some of these blocks at a time.
+    ///
+    /// # Errors
+    /// The first of `each`.
+    pub fn each_in_order<E>(&self, patches: usize, mut each: impl FnMut(&Block) -> Result<(), E>) -> Result<(), E> {
+        let all: Vec<u32> = (0..self.place.len() as u32).collect();
+        for some in all.chunks(patches * AT_ONCE) {
+            let blocks: Vec<Option<Block>> =
+                some.par_chunks(patches).map(|run| self.block_of(run, &|_| true)).collect();
+            blocks.iter().flatten().try_for_each(&mut each)?;
+        }
+        Ok(())
+    }
+
+    /// The rows of those patches of `run` that are `wanted`, as one block; `None` if there are none.
+    fn block_of(&self, run: &[u32], wanted: &(impl Fn(u32) -> bool + Sync)) -> Option<Block> {
+        let run: Vec<u32> = run.iter().copied().filter(|&i| wanted(i) && self.get(i).is_some()).collect();
+        let number = self.place[*run.first()? as usize][0];
+        let block = &self.blocks[number as usize];
+        let is_here = |(k, &i): (u32, &u32)| self.place[i as usize] == [number, k];
+        if block.rows.len() == run.len() && (0..).zip(&run).all(is_here) {
+            return Some(block.clone());
+        }
+        let mut writer = BlockWriter::default();
+        let rows = || run.iter().filter_map(|&i| self.get(i));
+        rows().for_each(|row| writer.copy(row));
+        // Marks are of all rows or of none.
+        if rows().any(|row| row.leading().is_none()) {
+            writer.unmark();
+        }
+        Some(writer.finish())
     }
 
     /// The blocks, in the order in which they were added.
@@ -109,7 +127,7 @@ pub trait RowKeeper {
     ///
     /// # Errors
     /// The work shall not be done.
-    fn begin(&mut self, _rows: &mut Rows, _outlook: &dyn Fn() -> Result<Outlook>) -> Result<()> {
+    fn begin(&mut self, _rows: &mut Rows, _outlook: &dyn Fn() -> crate::Result<Outlook>) -> crate::Result<()> {
         Ok(())
     }
 
@@ -122,12 +140,12 @@ pub trait RowKeeper {
     ///
     /// # Errors
     /// The rows cannot be kept, or no more are wanted: no more are cast.
-    fn keep(&mut self, block: Block) -> Result<Block>;
+    fn keep(&mut self, block: Block) -> crate::Result<Block>;
 }
 
 /// Keeps nothing.
 impl RowKeeper for () {
-    fn keep(&mut self, block: Block) -> Result<Block> {
+    fn keep(&mut self, block: Block) -> crate::Result<Block> {
         Ok(block)
     }
 }

@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long)]
     dry_run: bool,
     /// Submit to Slurm. All words after it are options of sbatch, for the shards and the merge:
-    /// --partition, --time, --cpus-per-task ...
+    /// --partition, --time, --cpus-per-task ... (sbatch has no --dry-run: that is luxel's wherever it stands)
     #[arg(long, required = true, num_args = 0.., allow_hyphen_values = true, value_name = "SBATCH OPTION")]
     slurm: Option<Vec<String>>,
 }
@@ -39,14 +39,16 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let program = env::current_exe().map_err(|e| Error::io("luxel", e))?;
     let output = args.output.clone().unwrap_or_else(|| args.plan.join("result"));
+    let (dry, options): (Vec<String>, Vec<String>) =
+        args.slurm.iter().flatten().cloned().partition(|option| option == "--dry-run");
     let batch = submit::batch(&Submission {
         plan: &Plan::open(&args.plan)?,
         output: &output,
         program: &program,
         at_once: args.at_once,
-        options: args.slurm.as_deref().unwrap_or_default(),
+        options: &options,
     })?;
-    if args.dry_run {
+    if args.dry_run || !dry.is_empty() {
         say(&batch.describe());
         return Ok(());
     }
