@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, Vec3A};
+use glam::{BVec3A, DVec3, Vec3A};
 
 use super::{
     lamps::{Crossing, Lamps},
@@ -197,7 +197,8 @@ impl Walk {
                 add(&mut light[slot as usize], first, sum);
                 (slot, sum) = (to, DVec3::ZERO);
             }
-            sum += if occluded { DVec3::ZERO } else { brought.as_dvec3() };
+            // No branch, which nobody could foresee.
+            sum += Vec3A::select(BVec3A::splat(occluded), Vec3A::ZERO, brought).as_dvec3();
         }
         add(&mut light[slot as usize], first, sum);
     }
