@@ -87,8 +87,8 @@ impl<'a> Prepared<'a> {
         let known = rows.visible();
         let points = self.points_of_vertices(options, &known);
         let (tracer, normals) = (self.tracers.surfaces(), self.scene.normals());
-        let sight = Sight::new(self, known, options);
-        let level = sight.level(self.simplified.grid.voxel_size);
+        let mut sight = Sight::new(self, known, options);
+        let level = sight.take_level(self.simplified.grid.voxel_size);
         Stencils::new(&sight.field(&self.simplified, &self.index, tracer, &normals, &level, options), &points)
     }
 

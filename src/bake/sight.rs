@@ -38,9 +38,9 @@ impl Sight {
         known.len() == patches && [0, patches].contains(&depth.len()) && two_sided.len() == triangles
     }
 
-    /// How far patches reach to either side of their centroid.
-    pub(crate) fn level(&self, voxel_size: f64) -> Level {
-        Level::of(self.depth.clone(), voxel_size)
+    /// How far patches reach to either side of their centroid: it is not here any more then.
+    pub(crate) fn take_level(&mut self, voxel_size: f64) -> Level {
+        Level::of(std::mem::take(&mut self.depth), voxel_size)
     }
 
     /// A field without values; `tracer` holds the scene's surfaces, whose unit normals are `normals`.

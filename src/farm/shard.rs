@@ -156,13 +156,13 @@ impl Plan {
         tracer: &dyn RayTracer,
         progress: &dyn Progress,
     ) -> Result<Option<Stencils>> {
-        let Some(sight) = self.sight()? else { return Ok(None) };
+        let Some(mut sight) = self.sight()? else { return Ok(None) };
         if !sight.fits(simplified.patches.len(), simplified.geometry.triangles.len()) {
             return Err(self.file.wrong(SIGHT, 0, "is not of these patches"));
         }
         let points = self.points(k)?;
         let (index, normals) = (PatchIndex::new(&simplified.patches, simplified.grid), simplified.normals());
-        let level = sight.level(simplified.grid.voxel_size);
+        let level = sight.take_level(simplified.grid.voxel_size);
         let field = sight.field(simplified, &index, tracer, &normals, &level, self.options());
         progress.begin("vertices", points.len() as u64);
         let part = |points: &[SurfacePoint]| {

@@ -1,7 +1,5 @@
 //! What the rest of luxel takes for granted of patches and fragments that come out of a file.
 
-use glam::Vec2;
-
 use super::{Fragments, Grid, NO_PATCH, Patches, grid::MAX_DIM};
 use crate::trace::Geometry;
 
@@ -49,11 +47,12 @@ fn check_fragments(geometry: &Geometry, fragments: &Fragments, voxels: u64, patc
         last = Some(t);
     }
     ensure(last.map_or(0, |l| l as usize + 1) == geometry.triangles.len(), "fragments: triangles without any")?;
-    ensure(voxel.iter().all(|&v| v < voxels), "fragments: a voxel outside the grid")?;
-    let near = |p: &Vec2| p.is_finite() && p.min_element() >= -SLACK && p.max_element() <= 1.0 + SLACK;
-    ensure(uv.iter().all(near), "fragments: a corner outside its triangle")?;
-    let known = |p: &u32| *p == NO_PATCH || (*p as usize) < patches;
-    ensure(patch.iter().flatten().all(known), "fragments: a patch that is not there")
+    ensure(all(voxel, |&v| v < voxels), "fragments: a voxel outside the grid")?;
+    // What is no number is in no range.
+    let near = |x: f32| (-SLACK..=1.0 + SLACK).contains(&x);
+    ensure(all(uv, |p| near(p.x) & near(p.y)), "fragments: a corner outside its triangle")?;
+    let known = |p: u32| (p == NO_PATCH) | ((p as usize) < patches);
+    ensure(all(patch, |sides| known(sides[0]) & known(sides[1])), "fragments: a patch that is not there")
 }
 
 fn check_patches(fragments: &Fragments, patches: &Patches, voxels: u64) -> Result<(), String> {
@@ -62,10 +61,10 @@ fn check_patches(fragments: &Fragments, patches: &Patches, voxels: u64) -> Resul
     let lengths = [centroid.len(), eye.len(), normal.len(), voxel.len()];
     ensure(n < MOST && lengths == [n; 4], "patches: arrays differ in length")?;
     check_start(start, n, members.len(), 1).map_err(|e| format!("patches: {e}"))?;
-    ensure(voxel.iter().all(|&v| v < voxels) && voxel.is_sorted(), "patches: not sorted by voxel")?;
-    ensure(area.iter().all(|a| a.is_finite() && *a >= 0.0), "patches: an area that is negative or not finite")?;
-    let finite = [centroid, eye, normal].into_iter().flatten().all(|v| v.is_finite());
-    ensure(finite && normal.iter().all(|n| n.length_squared() < 1.1), "patches: a place that is not finite")?;
+    ensure(all(voxel, |&v| v < voxels) && voxel.is_sorted(), "patches: not sorted by voxel")?;
+    ensure(all(area, |a| a.is_finite() & (*a >= 0.0)), "patches: an area that is negative or not finite")?;
+    let finite = [centroid, eye, normal].into_iter().all(|list| all(list, |v| v.is_finite()));
+    ensure(finite && all(normal, |n| n.length_squared() < 1.1), "patches: a place that is not finite")?;
     // Fragments and patches say the same of each other.
     let sides = fragments.patch.iter().flatten().filter(|p| **p != NO_PATCH).count();
     ensure(sides == members.len(), "patches: members are not the fragments' sides")?;
@@ -83,6 +82,11 @@ fn check_start(start: &[u32], n: usize, items: usize, least: u32) -> Result<(), 
     let runs = start.len() == n + 1 && start[0] == 0 && start[n] as usize == items;
     let long = start.windows(2).all(|w| w[1].checked_sub(w[0]).is_some_and(|length| length >= least));
     if runs && long { Ok(()) } else { Err("runs that do not fit") }
+}
+
+/// Whether that `holds` of all: it is asked of each, so that vectors of them can be asked at once.
+fn all<T>(list: &[T], holds: impl Fn(&T) -> bool) -> bool {
+    list.iter().fold(true, |all, item| all & holds(item))
 }
 
 fn ensure(holds: bool, message: &str) -> Result<(), String> {

@@ -12,11 +12,12 @@ use crate::outlook::Outlook;
 #[derive(Clone, Debug, Default)]
 pub struct Rows {
     blocks: Vec<Block>,
-    /// Block of the row of each patch and its position there; [`NONE`] without one.
+    /// One more than the block of the row of each patch, and its position there; [`NONE`] without one.
     place: Vec<[u32; 2]>,
 }
 
-const NONE: [u32; 2] = [u32::MAX; 2];
+/// Zeros, which the system gives without touching the memory: who has rows of few patches does not pay for all.
+const NONE: [u32; 2] = [0; 2];
 
 /// Blocks that are put in order at one time where not all are kept.
 const AT_ONCE: usize = 64;
@@ -39,7 +40,7 @@ impl Rows {
 
     /// Adds rows, of patches that there are; they take the place of older ones.
     pub fn add(&mut self, block: Block) {
-        let number = self.blocks.len() as u32;
+        let number = self.blocks.len() as u32 + 1;
         for (k, row) in (0..).zip(&block.rows) {
             self.place[row.patch as usize] = [number, k];
         }
@@ -48,8 +49,8 @@ impl Rows {
 
     /// The row of patch `i`.
     pub fn get(&self, i: u32) -> Option<RowRef<'_>> {
-        let [block, row] = self.place[i as usize];
-        self.blocks.get(block as usize).map(|b| b.row(row as usize))
+        let [number, row] = self.place[i as usize];
+        self.block(number).map(|b| b.row(row as usize))
     }
 
     /// The row of patch `i`, if it has so many rays.
@@ -73,7 +74,10 @@ impl Rows {
     /// # Errors
     /// The first of `each`.
     pub fn each_in_order<E>(&self, patches: usize, mut each: impl FnMut(&Block) -> Result<(), E>) -> Result<(), E> {
-        let all: Vec<u32> = (0..self.place.len() as u32).collect();
+        // No look at the patches before and behind those of a part of the scene.
+        let there = || self.blocks.iter().flat_map(|block| &block.rows).map(|row| row.patch);
+        let first = there().min().map_or(0, |first| first - first % patches as u32);
+        let all: Vec<u32> = (first..there().max().map_or(0, |last| last + 1)).collect();
         for some in all.chunks(patches * AT_ONCE) {
             let blocks: Vec<Option<Block>> =
                 some.par_chunks(patches).map(|run| self.block_of(run, &|_| true)).collect();
@@ -86,7 +90,7 @@ impl Rows {
     fn block_of(&self, run: &[u32], wanted: &(impl Fn(u32) -> bool + Sync)) -> Option<Block> {
         let run: Vec<u32> = run.iter().copied().filter(|&i| wanted(i) && self.get(i).is_some()).collect();
         let number = self.place[*run.first()? as usize][0];
-        let block = &self.blocks[number as usize];
+        let block = self.block(number)?;
         let is_here = |(k, &i): (u32, &u32)| self.place[i as usize] == [number, k];
         if block.rows.len() == run.len() && (0..).zip(&run).all(is_here) {
             return Some(block.clone());
@@ -109,9 +113,14 @@ impl Rows {
     /// Block of the row of patch `i`, and where its bytes lie in it.
     pub(super) fn place(&self, i: usize) -> Option<(u32, u32, u32)> {
         let [number, row] = self.place[i];
-        let block = self.blocks.get(number as usize)?;
+        let block = self.block(number)?;
         let begin = if row == 0 { 0 } else { block.rows[row as usize - 1].end };
-        Some((number, begin, block.rows[row as usize].end))
+        Some((number - 1, begin, block.rows[row as usize].end))
+    }
+
+    /// The block of a place.
+    fn block(&self, number: u32) -> Option<&Block> {
+        self.blocks.get((number as usize).checked_sub(1)?)
     }
 
     /// Bytes that it takes.
