@@ -1,9 +1,10 @@
 //! What a bake will take of the memory, once its patches are known and before its rows are cast.
 //!
 //! What the process holds by then is measured, not foretold: scene, ray-tracing structure, fragments and patches. The rest
-//! is counted, and the bytes of a row come from a sample of them. What the process holds without using it, beyond code and the
-//! data whose sizes are known, serves again. Bytes a patch, corner and vertex are measured peaks of some scenes, with the
-//! allocator of glibc; scenes that these were not taken from tell how well they hold (see ARCHITECTURE.md).
+//! is counted, and the bytes of a row come from a sample of them; so are corners and vertices of the split mesh. What the process
+//! holds without using it, beyond code and the data whose sizes are known, serves again: how much of it, and the bytes a
+//! patch and thread, are measured peaks of some scenes, with the allocator of glibc; scenes that these were not taken from tell
+//! how well they hold (see ARCHITECTURE.md).
 
 use crate::{
     output::report::{mapped_bytes, memory_bytes, peak_memory_bytes},
@@ -23,8 +24,12 @@ pub struct Outlook {
     pub unpacked: u64,
     /// What solving adds besides.
     pub solved: u64,
-    /// What the rest of the bake adds to that at its largest.
+    /// What the rest of the bake adds to that at its largest, but for what follows.
     pub rest: u64,
+    /// The corners of the split mesh: one array, for which there is no room in what the rows leave.
+    pub corners: u64,
+    /// What is there once that array is gone, at most.
+    pub later: u64,
     /// What of this is there when the bake is done, for those who go on with it.
     pub lasting: u64,
     /// What was freed before and will be used again, about.
@@ -49,12 +54,21 @@ pub(crate) struct Sizes {
 const SOLVED_PATCH: f64 = 260.0;
 /// Unpacked rows against coded ones.
 const UNPACKED: f64 = 1.2;
-/// Bytes a corner while the split mesh is made.
-const CORNER: f64 = 120.0;
-/// Bytes a vertex with its light.
-const VERTEX: f64 = 235.0;
-/// Bytes of a place where light is computed: position and normal.
-const POINT: f64 = 24.0;
+/// While the split mesh is made. Bytes a corner: as such, in one array, for which there is no room in pieces; its vertex, and
+/// its part of a side of four corners (16). Bytes a vertex: its sums (28), position and normal (24).
+const CORNER: f64 = 60.0;
+const CORNER_OF_VERTEX: f64 = 4.0 + 4.0;
+const SUMMED_VERTEX: f64 = 28.0 + 24.0;
+/// When it is made. Bytes a corner: half a triangle, with source and patch (20). Bytes a vertex: position, normal, albedo, place
+/// where light is computed (60), direct and indirect light (24).
+const MADE_CORNER: f64 = 10.0;
+const LIT_VERTEX: f64 = 60.0 + 24.0;
+/// Bytes a vertex while the error is estimated: its area (8), three errors (12), and all of its light (12).
+const ESTIMATED_VERTEX: f64 = 8.0 + 12.0 + 12.0;
+/// While the lit mesh is written. Bytes a corner: half a triangle (12). Bytes a vertex: its errors (12), position, normal,
+/// radiance and whether it is a lamp (37), the materials that it has there (20).
+const WRITTEN_CORNER: f64 = 6.0;
+const WRITTEN_VERTEX: f64 = 12.0 + 37.0 + 20.0;
 /// Bytes a patch of what is there when the bake is done.
 const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
@@ -79,11 +93,13 @@ impl Outlook {
         let Sizes { used, patches, row_bytes, corners, vertices, estimate } = *sizes;
         let (held, peak) = (memory_bytes(), peak_memory_bytes());
         let solved = patches as f64 * SOLVED_PATCH;
-        let meshed = vertices as f64 * VERTEX;
-        let estimated = if estimate { patches as f64 * ESTIMATED_PATCH } else { 0.0 };
-        let lasting = patches as f64 * LASTING_PATCH + meshed;
+        let (corners, vertices) = (corners as f64, vertices as f64);
         let heaps = (rayon::current_num_threads() as f64 - 2.0) * HEAP;
-        let rest = (meshed + estimated).max(corners as f64 * CORNER) + heaps;
+        let meshed = corners * MADE_CORNER + vertices * LIT_VERTEX;
+        let estimated = vertices * ESTIMATED_VERTEX + patches as f64 * ESTIMATED_PATCH;
+        let written = corners * WRITTEN_CORNER + vertices * WRITTEN_VERTEX;
+        let later = meshed + if estimate { estimated.max(written) } else { written };
+        let lasting = patches as f64 * LASTING_PATCH + meshed;
         let unpacks = row_bytes <= patches as f64 * UNPACKED_PATCH as f64;
         let unpacked = if unpacks { UNPACKED * row_bytes } else { 0.0 };
         let reused = REUSED * (held.saturating_sub(mapped_bytes()) as f64 - used).max(0.0);
@@ -93,7 +109,9 @@ impl Outlook {
             rows: row_bytes as u64,
             unpacked: unpacked as u64,
             solved: solved as u64,
-            rest: rest as u64,
+            rest: (corners * CORNER_OF_VERTEX + vertices * SUMMED_VERTEX + heaps) as u64,
+            corners: (corners * CORNER) as u64,
+            later: (later + heaps) as u64,
             lasting: lasting as u64,
             reused: reused as u64,
         }
@@ -105,9 +123,9 @@ impl Outlook {
         Outlook { held, peak, rows: row_bytes as u64, ..Outlook::default() }
     }
 
-    /// Of a process that makes a split mesh of so many corners and vertices, and keeps of it where these stand.
+    /// Of a process that makes a split mesh of so many corners and vertices.
     pub(crate) fn of_mesh(corners: usize, vertices: usize) -> Outlook {
-        let rest = corners as f64 * CORNER + vertices as f64 * POINT;
+        let rest = corners as f64 * (CORNER + CORNER_OF_VERTEX) + vertices as f64 * SUMMED_VERTEX;
         Outlook { rest: rest as u64, ..Outlook::of_rows(0.0) }
     }
 
@@ -123,8 +141,9 @@ impl Outlook {
         let (rows, unpacked) = if spilled { (0, 0) } else { (self.rows, self.unpacked) };
         let needed = rows + unpacked + self.solved;
         let solving = self.held + needed.saturating_sub(self.reused).max(needed / FRESH);
-        // Large arrays, for which there is no room in pieces.
-        let largest = solving + self.rest.saturating_sub(unpacked / SERVES_AGAIN);
+        let again = unpacked / SERVES_AGAIN;
+        let meshing = self.corners + self.rest.saturating_sub(again);
+        let largest = solving + meshing.max(self.later.saturating_sub(again));
         let done = self.held + (rows + self.lasting).saturating_sub(self.reused);
         self.peak.max(largest).max(done + (pixels as f64 * PIXEL) as u64)
     }
@@ -143,17 +162,21 @@ mod tests {
             rows: 50 * mb,
             unpacked: 20 * mb,
             solved: 10 * mb,
-            rest: 40 * mb,
+            rest: 30 * mb,
+            corners: 20 * mb,
+            later: 30 * mb,
             lasting: 10 * mb,
             reused: 20 * mb,
         };
-        // 80 MB less 20 that are there, and 40 less half of what was unpacked.
-        assert_eq!(outlook.most(0, false), 190 * mb);
+        // 80 MB less 20 that are there, the corners, and 30 less half of what was unpacked.
+        assert_eq!(outlook.most(0, false), 200 * mb);
+        // What comes later may be more.
+        assert_eq!(Outlook { later: 70 * mb, ..outlook }.most(0, false), 220 * mb);
         // A fifth of the 10 MB needs new memory.
-        assert_eq!(outlook.most(0, true), 142 * mb);
+        assert_eq!(outlook.most(0, true), 152 * mb);
         // Nothing is below what was held already.
-        let held = Outlook { peak: 200 * mb, ..outlook };
-        assert_eq!(held.most(0, false), 200 * mb);
+        let held = Outlook { peak: 210 * mb, ..outlook };
+        assert_eq!(held.most(0, false), 210 * mb);
         let pictures = outlook.most(1 << 20, false);
         assert_eq!(pictures, 140 * mb + (PIXEL * (1 << 20) as f64) as u64);
     }
@@ -163,7 +186,7 @@ mod tests {
         let sizes = Sizes { used: 1e12, patches: 1000, row_bytes: 1e6, corners: 3000, vertices: 1000, estimate: false };
         let most = |sizes: Sizes| {
             let outlook = Outlook::new(&sizes);
-            (outlook.rows + outlook.solved + outlook.rest, outlook.lasting)
+            (outlook.rows + outlook.solved + outlook.rest + outlook.corners + outlook.later, outlook.lasting)
         };
         let less = most(sizes);
         for more in [

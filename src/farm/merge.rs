@@ -49,7 +49,7 @@ impl Plan {
         let entries = if self.options().only.is_empty() { Entries::Copied } else { Entries::Checked };
         let mut kept = self.gather(entries)?;
         if let Some(stencils) = kept.stencils.take() {
-            let rest = self.file.size() + size_of_val(stencils.parts().0);
+            let rest = self.file.unread() + size_of_val(stencils.parts().0);
             run.keeper.begin(&mut kept.rows, &|| Ok(Outlook { rest: rest as u64, ..Outlook::of_rows(0.0) }))?;
             return Transfer::copy(path, &self.file, &Kept { stencils: Some(stencils), ..kept });
         }

@@ -24,7 +24,6 @@ use crate::{
     output::atomic::sweep,
     progress::{self, Progress},
     reconstruct::{PatchIndex, Stencils},
-    scene::SurfacePoint,
     simplify::Simplified,
     trace::{self, RayTracer},
     transfer::{self, Block, Casting, RowKeeper, RowPoints, Rows},
@@ -43,8 +42,14 @@ const PAUSE: Duration = Duration::from_millis(30);
 const FIRST: Duration = Duration::from_millis(500);
 const LAST: Duration = Duration::from_secs(8);
 
-/// Bytes of a point and its stencil of some eight patches, which are there twice when all are joined.
-const STENCIL: usize = 2 * (24 + 4 + 8 * 8);
+/// Bytes of a point: in the file, as read and with its stencil of some eight patches. And while its stencil is found, where up to
+/// 16 patches are asked.
+const STENCIL: usize = 3 * 24 + 4 + 8 * 8;
+const FOUND: usize = 24 + 2 * 4 + 8 * (16 + 8);
+/// What stencils need besides. Bytes a patch: its place in the index (14), how far it reaches, in the file and twice as read (12),
+/// whether it is known (2). Bytes a triangle: its normal (12), and its sides (2).
+const INDEXED: usize = 14 + 12 + 2;
+const TRIANGLE: usize = 12 + 2;
 
 /// Points whose stencils are made before somebody may ask to stop, in units of [`Stencils::TOGETHER`].
 const POINTS: usize = 256;
@@ -123,7 +128,10 @@ impl Plan {
         let progress = run.progress;
         let missing: Vec<u32> = own.iter().copied().filter(|&i| rows.get(i).is_none()).collect();
         let foretell = || {
-            let stencils = self.points_of(k) * STENCIL;
+            let points = self.points_of(k);
+            let found = points.min(POINTS * Stencils::TOGETHER) * FOUND;
+            let known = simplified.patches.len() * INDEXED + simplified.geometry.triangles.len() * TRIANGLE;
+            let stencils = if points > 0 { points * STENCIL + found + known } else { 0 };
             // Those of other rays take about as much.
             let rows = bake::of_rows(&casting, &[&missing[..], &other].concat(), progress)?;
             Ok(Outlook { rest: stencils as u64, ..rows })
@@ -165,14 +173,14 @@ impl Plan {
         let level = sight.take_level(simplified.grid.voxel_size);
         let field = sight.field(simplified, &index, tracer, &normals, &level, self.options());
         progress.begin("vertices", points.len() as u64);
-        let part = |points: &[SurfacePoint]| {
+        let mut stencils = Stencils::with_room_for(points.len());
+        for part in points.chunks(POINTS * Stencils::TOGETHER) {
             progress::go_on(progress, "vertices")?;
-            progress.advance(points.len() as u64);
-            Ok(Stencils::new(&field, points))
-        };
-        let parts = points.chunks(POINTS * Stencils::TOGETHER).map(part).collect::<Result<Vec<Stencils>>>()?;
+            stencils.append(Stencils::new(&field, part));
+            progress.advance(part.len() as u64);
+        }
         progress.end();
-        Ok(Some(Stencils::joined(parts)))
+        Ok(Some(stencils))
     }
 
     /// The rows of shard `k`, if all of them are there and sound.

@@ -96,6 +96,11 @@ impl Container {
         self.bytes.len()
     }
 
+    /// Bytes of the blocks that nobody has looked at.
+    pub fn unread(&self) -> usize {
+        self.blocks.iter().filter(|b| b.sound.get().is_none()).map(|b| b.entry.length as usize).sum()
+    }
+
     /// The payload of block `number` of `kind`: a part of the mapped file, at a multiple of 64 bytes.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! `lit.glb`: the baked surfaces as any glTF viewer shows them.
 
-use std::{collections::HashMap, io, io::Write};
+use std::{io, io::Write};
 
 use glam::Vec3;
 use serde_json::json;
@@ -13,6 +13,8 @@ use crate::{Scene, bake::Irradiance, simplify::SplitMesh};
 
 /// Bytes of a vertex: position and normal (12 each), colour (4 x u16).
 const STRIDE: usize = 32;
+/// No vertex.
+const NONE: u32 = u32::MAX;
 
 /// The lit surfaces, one vertex a (split-mesh vertex, material), so that colours do not bleed across material borders.
 pub struct LitMesh {
@@ -35,24 +37,34 @@ impl LitMesh {
             emissive: Vec::with_capacity(mesh.positions.len()),
             triangles: Vec::with_capacity(mesh.triangles.len()),
         };
-        let mut index = HashMap::with_capacity(mesh.positions.len());
+        // The last of each vertex that is here, and for each here its look and the one before: a vertex has one look or two.
+        let mut last = vec![NONE; mesh.positions.len()];
+        let mut looks = Vec::with_capacity(mesh.positions.len());
         for (i, triangle) in mesh.triangles.iter().enumerate() {
             let source = mesh.source[i] as usize;
             let (albedo, emission) = (scene.constant_albedo(source), emission(scene, source, is_back(scene, mesh, i)));
             let emissive = emission != Vec3::ZERO;
             // Lamps have the mean emission of their triangle, which a texture makes each triangle's own.
-            let look = (scene.triangles[source].material, emissive.then_some(source));
+            let look = (scene.triangles[source].material, emissive.then_some(mesh.source[i]));
             lit.triangles.push(triangle.map(|v| {
-                *index.entry((v, look)).or_insert_with(|| {
-                    let v = v as usize;
+                let v = v as usize;
+                let mut at = last[v];
+                while let Some(&(other, before)) = looks.get(at as usize)
+                    && other != look
+                {
+                    at = before;
+                }
+                if at == NONE {
+                    at = lit.positions.len() as u32;
+                    looks.push((look, std::mem::replace(&mut last[v], at)));
                     let irradiance = light.direct[v] + light.indirect[v];
                     let reflected = albedo.unwrap_or(mesh.albedo[v]) * irradiance / std::f32::consts::PI;
                     lit.positions.push(mesh.positions[v] * scene.frame.scale as f32);
                     lit.normals.push(mesh.normals[v]);
                     lit.radiance.push(reflected + emission);
                     lit.emissive.push(emissive);
-                    lit.positions.len() as u32 - 1
-                })
+                }
+                at
             }));
         }
         lit

@@ -17,7 +17,7 @@ const DUST: f32 = 0.05;
 /// How far, in voxels, a patch may stand off the smooth surface through the point.
 const STEP: f32 = 0.25;
 /// Most neighbours of a point: those of the largest weight. A plane has 7 to 9 within the radius.
-const MOST: usize = 16;
+pub const MOST: usize = 16;
 
 /// Fits are doubtful from here on: 12 % of the points of the Cornell box, 11 % of the curved room, 16 % of two rooms.
 const DOUBT: f32 = 0.2;

@@ -59,16 +59,29 @@ impl Stencils {
     /// The stencils of all parts together, in their order.
     pub fn joined(parts: Vec<Stencils>) -> Stencils {
         let sum = |length: fn(&Stencils) -> usize| parts.iter().map(length).sum::<usize>();
-        let mut points = Vec::with_capacity(sum(|part| part.points.len()));
-        let mut ends = Vec::with_capacity(sum(|part| part.ends.len()));
-        let mut neighbours = Vec::with_capacity(sum(|part| part.neighbours.len()));
-        for part in parts {
-            let first = neighbours.len() as u32;
-            points.extend(part.points);
-            ends.extend(part.ends.iter().map(|end| first + end));
-            neighbours.extend(part.neighbours);
-        }
-        Stencils::of(points, ends, neighbours)
+        let (points, neighbours) = (sum(|part| part.points.len()), sum(|part| part.neighbours.len()));
+        let mut all = Stencils::with_room(points, neighbours);
+        parts.into_iter().for_each(|part| all.append(part));
+        all
+    }
+
+    /// None yet, with room for those of so many points: what nobody writes of it takes no memory.
+    pub fn with_room_for(points: usize) -> Stencils {
+        Stencils::with_room(points, points * smooth::MOST)
+    }
+
+    fn with_room(points: usize, neighbours: usize) -> Stencils {
+        let ends = Vec::with_capacity(points);
+        Stencils::of(Vec::with_capacity(points), ends, Vec::with_capacity(neighbours))
+    }
+
+    /// Adds the stencils of further points.
+    pub fn append(&mut self, part: Stencils) {
+        let first = self.neighbours.len() as u32;
+        self.points.extend(part.points);
+        self.ends.extend(part.ends.iter().map(|end| first + end));
+        self.neighbours.extend(part.neighbours);
+        self.numbers = OnceLock::new();
     }
 
     /// The points, where the neighbours of each end, and all neighbours.

@@ -113,10 +113,17 @@ pub fn split_mesh(
         sum.1 += corner.albedo;
         sum.2 += 1.0;
     }
+    // The largest array makes room before others come.
+    drop(corners);
     mesh.albedo = sums.iter().map(|s| s.1 / s.2).collect();
     mesh.samples = (0..vertices)
         .map(|v| SurfacePoint { position: mesh.positions[v] + sums[v].0 / sums[v].2, normal: mesh.normals[v] })
         .collect();
+    drop(sums);
+    let count = vertex_of.len() - 2 * sides.len();
+    mesh.triangles.reserve_exact(count);
+    mesh.source.reserve_exact(count);
+    mesh.patch.reserve_exact(count);
     let mut first = 0;
     for &(f, side) in &sides {
         let n = fragments.uv(f).len() as u32;
