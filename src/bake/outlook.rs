@@ -22,7 +22,7 @@ const FRAGMENT: usize = 4 + 8 + 4 + 8 + 8;
 /// of it.
 const PATCH: usize = 4 + 5 * 12 + 8 + 4 + 8 + 16;
 /// Rows that light is looked for with, one after the other. Where it is reflected once at least, most are at it after one.
-const CHAIN: u64 = 32;
+const CHAIN: u64 = 8;
 /// Purpose word of random bits.
 const CHAINS: u64 = 0x6368_6169;
 /// Corners of a piece of surface, about; and vertices a corner: where pieces are not those of the split mesh.
