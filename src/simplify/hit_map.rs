@@ -82,8 +82,9 @@ impl HitMap {
             .into_par_iter()
             .with_max_len(1)
             .map(|k| {
-                let mut chunk = Chunk::default();
-                for t in k * share..geometry.triangles.len().min((k + 1) * share) {
+                let own = k * share..geometry.triangles.len().min((k + 1) * share);
+                let mut chunk = Chunk::with_room_for(own.len(), (first[own.end] - first[own.start]) as usize);
+                for t in own {
                     chunk.add(geometry, fragments, grid, t, first[t]..first[t + 1]);
                 }
                 chunk
@@ -193,6 +194,16 @@ struct Chunk {
 }
 
 impl Chunk {
+    /// With room for the usual rows and cells of so many triangles and fragments.
+    fn with_room_for(triangles: usize, fragments: usize) -> Chunk {
+        Chunk {
+            triangles: Vec::with_capacity(triangles),
+            rows: Vec::with_capacity(fragments),
+            cells: Vec::with_capacity(fragments),
+            lists: Vec::new(),
+        }
+    }
+
     fn add(&mut self, geometry: &Geometry, fragments: &Fragments, grid: &Grid, t: usize, own: std::ops::Range<u32>) {
         let first_row = self.rows.len() as u32;
         if own.len() == 1 {

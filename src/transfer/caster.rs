@@ -66,6 +66,7 @@ pub struct Scratch {
     /// Rays that look again from where others met backs, and their hits.
     turned: RayBatch,
     found: Vec<Hit>,
+    writer: BlockWriter,
 }
 
 /// Some rays of a row.
@@ -131,7 +132,7 @@ impl<'a> Caster<'a> {
             .with_max_len(1)
             .map(|chunk| {
                 let mut s = self.take();
-                let mut writer = BlockWriter::default();
+                let mut writer = std::mem::take(&mut s.writer);
                 let mut rays = 0;
                 for &i in chunk {
                     rays += self.row(i, few, &mut s, &mut writer);
@@ -139,8 +140,9 @@ impl<'a> Caster<'a> {
                         s.entries.iter().for_each(|e| marks[e.0 as usize].store(true, Ordering::Relaxed));
                     }
                 }
-                self.give_back(s);
-                (writer.finish(), rays)
+                let block = writer.take();
+                self.give_back(Scratch { writer, ..s });
+                (block, rays)
             })
             .collect();
         let mut cast = 0;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 #[cfg(test)]
 use super::{BlockWriter, Row};
-use super::{RowRef, Rows, block::Entries};
+use super::{RowRef, Rows, coding::Entries};
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
 ///

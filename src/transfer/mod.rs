@@ -3,6 +3,7 @@
 mod block;
 mod cast;
 mod caster;
+mod coding;
 mod emit;
 mod estimate;
 mod lanes;
