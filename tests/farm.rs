@@ -189,6 +189,8 @@ fn a_shard_that_is_done_or_not_there_is_nothing_to_do() {
     let last: serde_json::Value = serde_json::from_str(said.trim().lines().last().unwrap()).unwrap();
     assert_eq!((&last["shard"], &last["state"]), (&1.into(), &"done".into()));
     assert!(last["rays"].as_u64().unwrap() > 10_000);
+    let said = ends(&mut shard(&place, "-1"), 2);
+    assert!(said.contains("must be a whole number, 0 or more"), "{said}");
     assert!(ends(&mut by("FARM_TEST_TASK", Some("one")), 1).contains("\"one\" is no number of a shard"));
     assert!(ends(&mut by("FARM_TEST_NOTHING", None), 1).contains("there is no such variable"));
     ends(luxel().args(["farm", "shard"]).arg(&place), 2);
@@ -357,8 +359,57 @@ fn shards_that_cannot_be_used_are_named_with_what_mends_them() {
     fs::write(path(2), &sound[1]).unwrap();
     let said = ends(&mut merge(&place, &to.with_extension("lxt")), 3);
     assert!(said.contains("is shard 1"), "{said}");
-    fs::write(path(2), &sound[2]).unwrap();
+    // All that are wrong are named at once.
+    fs::remove_file(path(0)).unwrap();
+    fs::write(path(1), changed(sound[1].len() / 2)).unwrap();
+    let said = ends(&mut merge(&place, &to), 3);
+    for what in ["3 of 3 shards", "shard 0 is missing", "shard 1 cannot be used", "shard 2 cannot be used"] {
+        assert!(said.contains(what), "{said}");
+    }
+    for (k, sound) in sound.iter().enumerate() {
+        fs::write(path(k), sound).unwrap();
+    }
     ends(&mut merge(&place, &to), 0);
+}
+
+#[test]
+fn however_many_shards_are_missing_all_are_named_with_commands_that_a_shell_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("our plan");
+    plan(&place, "99", &[]);
+    let shards = Plan::open(&place).unwrap().shards().len();
+    assert!(shards > 25, "{shards}");
+    cast(&place, [21, 23], 2);
+    let said = ends(&mut merge(&place, &folder.path().join("out")), 3);
+    assert!(said.contains(&format!("{} of {shards} shards", shards - 2)), "{said}");
+    for k in 0..20 {
+        assert!(
+            said.contains(&format!("shard {k} is missing: luxel farm shard '{}' {k}\n", place.display())),
+            "{said}"
+        );
+    }
+    assert!(said.contains(&format!("and {} more, 20,22,24-{}: see", shards - 22, shards - 1)), "{said}");
+}
+
+/// Removes the plan when the first rows are there.
+struct Vandal<'a>(&'a Path);
+
+impl RowKeeper for Vandal<'_> {
+    fn keep(&mut self, block: Block) -> Result<Block> {
+        fs::remove_dir_all(self.0).ok();
+        Ok(block)
+    }
+}
+
+#[test]
+fn a_shard_of_a_plan_that_vanished_meanwhile_is_not_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("plan");
+    plan(&place, "2", &[]);
+    let mut run = Run { progress: &Silent, keeper: &mut Vandal(&place), deadline: None };
+    let error = Plan::open(&place).unwrap().cast(0, &mut run).unwrap_err();
+    assert!(error.to_string().contains("there is no plan"), "{error}");
+    assert!(!place.exists());
 }
 
 #[test]
@@ -406,7 +457,10 @@ fn a_plan_of_another_build_or_in_another_plans_place_is_refused() {
 
     fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
     assert!(ends(&mut shard(&place, "0"), 1).contains("plan.lxt: is cut off"));
-    assert!(ends(&mut shard(&folder.path().join("nowhere"), "0"), 1).contains("nowhere/plan.lxt: "));
+    for wrong in [folder.path().join("nowhere"), path] {
+        let said = ends(&mut shard(&wrong, "0"), 1);
+        assert!(said.contains(&format!("{}/plan.lxt: there is no plan", wrong.display())), "{said}");
+    }
 }
 
 #[cfg(unix)]
@@ -460,6 +514,9 @@ mod interrupted {
         assert!(said.contains(&format!("in use by luxel farm shard 0, process {} on ", child.id())), "{said}");
         let said = ends(luxel().args(["farm", "status"]).arg(&place), 0);
         assert!(said.contains("1 running") && said.contains(&format!("process {}", child.id())), "{said}");
+        let said = ends(&mut merge(&place, &folder.path().join("out")), 3);
+        let holder = format!("shard 0 is not done: wait for luxel farm shard 0, process {} on ", child.id());
+        assert!(said.contains(&holder), "{said}");
 
         send(&child, KILL);
         assert_eq!(child.wait().unwrap().signal(), Some(KILL));

@@ -1,6 +1,8 @@
 //! The plan: all that the processes need to know, in one file.
 
 use std::{
+    fs,
+    io::ErrorKind,
     ops::Range,
     path::{Path, PathBuf},
     sync::OnceLock,
@@ -121,7 +123,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Io`], [`Error::Input`]: see [`Container::open`]; also if another build made it.
     pub fn open(folder: &Path) -> Result<Plan> {
-        let path = folder.join(FILE);
+        let path = check_there(folder)?;
         let file = Container::open(&path, PLAN)?;
         let identity: Identity = file.json(IDENTITY, 0)?;
         identity.check_build(&path)?;
@@ -226,6 +228,17 @@ impl Plan {
         });
         let at = |patch: u32| again.partition_point(|&i| i < patch);
         (rows, again[at(range.start)..at(range.end)].to_vec())
+    }
+}
+
+/// Proves that there is a plan in `folder`; gives the path of its file.
+pub(super) fn check_there(folder: &Path) -> Result<PathBuf> {
+    let path = folder.join(FILE);
+    match fs::metadata(&path) {
+        Err(e) if [ErrorKind::NotFound, ErrorKind::NotADirectory].contains(&e.kind()) => {
+            Err(Error::input(path, "", "there is no plan; name the folder of one that luxel farm plan has made"))
+        }
+        _ => Ok(path),
     }
 }
 
