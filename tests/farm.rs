@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Output},
     sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
 };
 
 use luxel::{
@@ -49,6 +50,9 @@ fn plan(place: &Path, shards: &str, options: &[&str]) {
     ends(command.args(settings(options)), 0);
 }
 
+/// No rows are written down before a shard is done.
+const HOUR: Duration = Duration::from_secs(3600);
+
 fn shard(place: &Path, k: &str) -> Command {
     let mut command = luxel();
     command.args(["farm", "shard"]).arg(place).arg(k);
@@ -61,7 +65,7 @@ fn cast(place: &Path, shards: impl IntoIterator<Item = usize>, threads: usize) {
     for k in shards {
         let cast = || {
             let mut run = Run { progress: &Silent, keeper: &mut (), deadline: None };
-            Plan::open(place).unwrap().cast(k, &mut run).unwrap()
+            Plan::open(place).unwrap().cast(k, HOUR, &mut run).unwrap()
         };
         let cast = pool.install(cast);
         assert!(matches!(cast, Cast::Now { resumed: 0, .. }), "{k}: {cast:?}");
@@ -235,7 +239,10 @@ fn rows_of_a_shard_may_leave_the_memory_and_what_no_memory_holds_is_refused() {
     let whole = fs::read(place.join("shard-1.lxt")).unwrap();
     fs::remove_file(place.join("shard-1.lxt")).unwrap();
     let mut keeper = Elsewhere { spill: Spill::new(folder.path()).unwrap(), foretold: 0 };
-    Plan::open(&place).unwrap().cast(1, &mut Run { progress: &Silent, keeper: &mut keeper, deadline: None }).unwrap();
+    Plan::open(&place)
+        .unwrap()
+        .cast(1, HOUR, &mut Run { progress: &Silent, keeper: &mut keeper, deadline: None })
+        .unwrap();
     assert!(fs::read(place.join("shard-1.lxt")).unwrap() == whole);
     // There are fewer rows than a sample has: all of them are in it.
     assert_eq!(keeper.foretold, keeper.spill.size_in_bytes());
@@ -277,7 +284,7 @@ fn a_shard_that_is_interrupted_at_once_keeps_what_it_has_cast() {
     let place = folder.path().join("plan");
     plan(&place, "2", &[]);
     let plan = Plan::open(&place).unwrap();
-    let cast = |progress: &dyn Progress| plan.cast(0, &mut Run { progress, keeper: &mut (), deadline: None });
+    let cast = |progress: &dyn Progress| plan.cast(0, HOUR, &mut Run { progress, keeper: &mut (), deadline: None });
     assert!(matches!(cast(&Once::default()), Err(Error::Interrupted(_))));
     let resumed = cast(&Silent).unwrap();
     assert!(matches!(resumed, Cast::Now { resumed: 1.., .. }), "{resumed:?}");
@@ -407,7 +414,7 @@ fn a_shard_of_a_plan_that_vanished_meanwhile_is_not_done() {
     let place = folder.path().join("plan");
     plan(&place, "2", &[]);
     let mut run = Run { progress: &Silent, keeper: &mut Vandal(&place), deadline: None };
-    let error = Plan::open(&place).unwrap().cast(0, &mut run).unwrap_err();
+    let error = Plan::open(&place).unwrap().cast(0, HOUR, &mut run).unwrap_err();
     assert!(error.to_string().contains("there is no plan"), "{error}");
     assert!(!place.exists());
 }
@@ -469,7 +476,6 @@ mod interrupted {
         os::unix::process::ExitStatusExt,
         process::{Child, Stdio},
         thread,
-        time::Duration,
     };
 
     use super::*;
@@ -490,7 +496,8 @@ mod interrupted {
         let length = || fs::metadata(checkpoint).map_or(0, |meta| meta.len());
         let before = length();
         let mut command = shard(place, "0");
-        let mut child = command.args(["--threads", "1"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        let often = ["--threads", "1", "--checkpoint-every", "0.3s"];
+        let mut child = command.args(often).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         while length() <= before {
             assert!(child.try_wait().unwrap().is_none(), "it was done before anything was written down");
             thread::sleep(Duration::from_millis(5));

@@ -178,7 +178,8 @@ fn a_bake_by_slurm_whose_tasks_are_killed_and_requeued_in_mid_run_has_the_bytes_
     // A second each: four times what it takes until the first rows are written down. Whoever waits for those comes first, so
     // that they are seen in time on a busy machine too.
     plan(&scene, &folder, 2, &settings);
-    let polite = script(&path("polite"), &format!("exec nice -n 5 '{LUXEL}' \"$@\""));
+    let often = r#"[ "$2" = shard ] && set -- "$@" --checkpoint-every 0.25s"#;
+    let polite = script(&path("polite"), &format!("{often}\nexec nice -n 5 '{LUXEL}' \"$@\""));
 
     let merged = path("merged");
     let options = ["-o", merged.to_str().unwrap(), "--slurm", "--cpus-per-task=1"];

@@ -1,6 +1,10 @@
 //! `luxel farm`.
 
-use std::{path::PathBuf, process::ExitCode, time::Instant};
+use std::{
+    path::PathBuf,
+    process::ExitCode,
+    time::{Duration, Instant},
+};
 
 use clap::Subcommand;
 use luxel::{
@@ -79,6 +83,9 @@ struct ShardArgs {
     /// Take the number from this variable of the environment, such as SLURM_ARRAY_TASK_ID
     #[arg(long, value_name = "VARIABLE", conflicts_with = "number")]
     index: Option<String>,
+    /// How often rows are written down while they are cast: a shard that is killed loses so much
+    #[arg(long, value_name = "TIME", value_parser = parse::time, default_value = "5s", help_heading = "Running")]
+    checkpoint_every: Duration,
     #[command(flatten)]
     memory: Memory,
     #[command(flatten)]
@@ -179,7 +186,7 @@ fn shard(args: &ShardArgs) -> Result<()> {
         let plan = Plan::open(&args.plan)?;
         let mut keeper = args.memory.keeper_of(SHARD, &args.plan, 0);
         let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
-        Ok((plan.cast(k, &mut run)?, plan.shards().len()))
+        Ok((plan.cast(k, args.checkpoint_every, &mut run)?, plan.shards().len()))
     })?;
     let seconds = begun.elapsed().as_secs_f64();
     let (state, text, rays, resumed) = match cast {

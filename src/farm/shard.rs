@@ -1,12 +1,6 @@
 //! One shard: casting it, and reading what was cast.
 
-use std::{
-    collections::BTreeMap,
-    fs, io,
-    path::PathBuf,
-    thread,
-    time::{Duration, Instant},
-};
+use std::{collections::BTreeMap, fs, io, path::PathBuf, thread, time::Duration};
 
 use serde::{Deserialize, Serialize};
 
@@ -39,11 +33,6 @@ const SETTINGS: Name = Name::new("settings");
 /// Who asks whether a shard is being cast holds its lock for a moment; who wants to cast it tries again so often.
 const TRIES: u32 = 3;
 const PAUSE: Duration = Duration::from_millis(30);
-
-/// From the beginning until rows are written down, and between two times at last. In between the times double, so that what
-/// a kill costs is a few seconds, and half of the work at most.
-const FIRST: Duration = Duration::from_millis(500);
-const LAST: Duration = Duration::from_secs(8);
 
 /// Bytes of a point: in the file, as read and with its stencil of some eight patches. And while its stencil is found, where up to
 /// 16 patches are asked.
@@ -93,13 +82,14 @@ pub(super) struct Shard {
 }
 
 impl Plan {
-    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used. Of the scene
-    /// nothing is built but the patches and the surfaces that rays meet.
+    /// Casts the rows of shard `k`, if it is not there. What an interrupted attempt has written down is used; rows are
+    /// written down so often as `checkpoint_every` says. Of the scene nothing is built but the patches and the surfaces that
+    /// rays meet.
     ///
     /// # Errors
     /// [`Error::Busy`] if another process casts it, [`Error::Interrupted`] if the progress of `run` asks to stop,
     /// [`Error::Io`]; [`Error::Input`] if the plan is damaged; those of the keeper of `run`.
-    pub fn cast(&self, k: usize, run: &mut Run) -> Result<Cast> {
+    pub fn cast(&self, k: usize, checkpoint_every: Duration, run: &mut Run) -> Result<Cast> {
         if k >= self.shards().len() {
             return Ok(Cast::Beyond);
         }
@@ -120,9 +110,8 @@ impl Plan {
         let casting = Casting { marked: true, ..Casting::new(&simplified, &*tracer, &outline.outer, &points) };
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));
-        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, LAST)?;
-        let keeper = &mut *run.keeper;
-        let mut journal = Journal { keeper, checkpoint, again: false, written: Instant::now(), wait: FIRST };
+        let checkpoint = Checkpoint::of(self.checkpoint_path(k), self.identity().clone(), options, checkpoint_every)?;
+        let mut journal = Journal { keeper: &mut *run.keeper, checkpoint, again: false };
         if let Err(Error::Input { .. }) = journal.checkpoint.resume(&mut rows, Some(&mut again)) {
             // It is of something else; nobody asked for it to be used.
             journal.checkpoint.discard()?;
@@ -288,8 +277,6 @@ struct Journal<'a> {
     checkpoint: Checkpoint,
     /// Whether rows of other rays come.
     again: bool,
-    written: Instant,
-    wait: Duration,
 }
 
 impl Journal<'_> {
@@ -313,10 +300,6 @@ impl RowKeeper for Journal<'_> {
     fn keep(&mut self, block: Block) -> Result<Block> {
         let block = self.keeper.keep(block)?;
         self.checkpoint.add(&block, self.again)?;
-        if self.written.elapsed() >= self.wait {
-            self.checkpoint.flush()?;
-            (self.written, self.wait) = (Instant::now(), (2 * self.wait).min(LAST));
-        }
         Ok(block)
     }
 }

@@ -163,6 +163,17 @@ pub struct BlockWriter {
 }
 
 impl BlockWriter {
+    /// With room for copies of these rows.
+    pub(super) fn with_room_for<'a>(rows: impl Iterator<Item = RowRef<'a>>) -> BlockWriter {
+        let [mut count, mut bytes, mut marks] = [0; 3];
+        rows.for_each(|row| (count, bytes, marks) = (count + 1, bytes + row.bytes.len(), marks + row.marks.len()));
+        BlockWriter {
+            rows: Vec::with_capacity(count),
+            bytes: Vec::with_capacity(bytes),
+            marks: Vec::with_capacity(marks),
+        }
+    }
+
     /// Adds a row with these (patch, count), sorted by patch; its ends are filled in.
     ///
     /// How many bytes a step takes is a matter of chance, so there is no branch on it up to three: four bytes are

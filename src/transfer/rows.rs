@@ -19,9 +19,6 @@ pub struct Rows {
 /// Zeros, which the system gives without touching the memory: who has rows of few patches does not pay for all.
 const NONE: [u32; 2] = [0; 2];
 
-/// Blocks that are put in order at one time where not all are kept.
-const AT_ONCE: usize = 64;
-
 impl Rows {
     /// No rows of so many patches.
     pub fn new(patches: usize) -> Rows {
@@ -68,8 +65,8 @@ impl Rows {
         rows
     }
 
-    /// Shows all rows to `each` in order, a block for each so many successive patches: see [`Rows::in_order`]. There are but
-    /// some of these blocks at a time.
+    /// Shows all rows to `each` in order, a block for each so many successive patches: see [`Rows::in_order`]. There are as
+    /// many of these blocks at a time as threads, so that the next ones find memory that has been in use.
     ///
     /// # Errors
     /// The first of `each`.
@@ -78,7 +75,7 @@ impl Rows {
         let there = || self.blocks.iter().flat_map(|block| &block.rows).map(|row| row.patch);
         let first = there().min().map_or(0, |first| first - first % patches as u32);
         let all: Vec<u32> = (first..there().max().map_or(0, |last| last + 1)).collect();
-        for some in all.chunks(patches * AT_ONCE) {
+        for some in all.chunks(patches * rayon::current_num_threads()) {
             let blocks: Vec<Option<Block>> =
                 some.par_chunks(patches).map(|run| self.block_of(run, &|_| true)).collect();
             blocks.iter().flatten().try_for_each(&mut each)?;
@@ -95,8 +92,8 @@ impl Rows {
         if block.rows.len() == run.len() && (0..).zip(&run).all(is_here) {
             return Some(block.clone());
         }
-        let mut writer = BlockWriter::default();
         let rows = || run.iter().filter_map(|&i| self.get(i));
+        let mut writer = BlockWriter::with_room_for(rows());
         rows().for_each(|row| writer.copy(row));
         // Marks are of all rows or of none.
         if rows().any(|row| row.leading().is_none()) {
