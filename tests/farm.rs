@@ -398,6 +398,26 @@ fn however_many_shards_are_missing_all_are_named_with_commands_that_a_shell_take
     assert!(said.contains(&format!("and {} more, 20,22,24-{}: see", shards - 22, shards - 1)), "{said}");
 }
 
+#[test]
+fn shards_without_light_are_merged_to_a_file_that_is_lit() {
+    let folder = tempfile::tempdir().unwrap();
+    let [place, file, out] = ["plan", "some.lxt", "out"].map(|name| folder.path().join(name));
+    let mut command = luxel();
+    command.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&place).args([
+        "--shards",
+        "2",
+        "--emit",
+        "light=0,0,0",
+    ]);
+    let said = ends(command.args(QUICK), 0);
+    assert!(said.contains("there is no light: merge the shards to a FILE.lxt"), "{said}");
+    cast(&place, 0..2, 2);
+    let said = ends(&mut merge(&place, &out), 1);
+    assert!(said.contains("add lights with luxel relight"), "{said}");
+    ends(&mut merge(&place, &file), 0);
+    ends(luxel().arg("relight").arg(&file).args(["--emit", "light=1,1,1", "--quiet", "-o"]).arg(&out).args(PICTURE), 0);
+}
+
 /// Removes the plan when the first rows are there.
 struct Vandal<'a>(&'a Path);
 

@@ -119,6 +119,9 @@ struct MergeArgs {
 const MERGED: &str = "Folder for the results of `luxel bake`, made if it is missing; or, by its ending, the transfer file of \
                       `luxel prepare`";
 
+/// What to do with shards of a scene that has no light.
+const UNLIT: &str = "merge the shards to a FILE.lxt, and add lights with luxel relight";
+
 /// The ending of names of transfer files.
 const TRANSFER: &str = "lxt";
 
@@ -159,6 +162,9 @@ fn plan(args: &PlanArgs) -> Result<()> {
         line("scene", format!("{}: {} triangles", job.scene.name, job.scene.triangles.len()));
         for warning in &job.scene.warnings {
             line("warning", warning.clone());
+        }
+        if !job.scene.has_light() {
+            line("warning", format!("there is no light: {UNLIT}"));
         }
         line("shards", format!("{count} of {:.2} to {most:.2} s of one thread each, {all:.1} s in all", least(shards)));
         line("plan", place.to_string());
@@ -272,6 +278,9 @@ fn merge(args: &MergeArgs) -> Result<()> {
         let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
         let mut kept = plan.merge()?;
         let scene = plan.scene()?;
+        if !scene.has_light() {
+            return Err(Error::Scene(format!("scene \"{}\" has no light: {UNLIT}", scene.name)));
+        }
         let mut bake = bake::bake_with(&scene, plan.options(), &mut kept, &mut run)?;
         keeper.tell(&mut bake);
         bake.report.rows.from = Some(args.plan.display().to_string());

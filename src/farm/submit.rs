@@ -212,8 +212,7 @@ mod tests {
     #[test]
     fn a_quoted_word_is_that_word_to_a_shell() {
         for word in ["plain", "", "it's here", "$HOME `x` \"y\" \\ * ~", "two\nlines", "-n"] {
-            let echo =
-                Command::new("sh").args(["-c", &format!("printf %s {}", line(&[word.into()]))]).output().unwrap();
+            let echo = Command::new("sh").args(["-c", &format!("printf %s {}", line(&[word]))]).output().unwrap();
             assert_eq!(String::from_utf8(echo.stdout).unwrap(), word);
         }
     }
