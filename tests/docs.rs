@@ -1,11 +1,16 @@
 //! What the Markdown files say is there, is there.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
     process::Command,
 };
+
+use command::{luxel, scene, stderr, stdout, text};
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -62,9 +67,7 @@ fn options(text: &str) -> BTreeSet<&str> {
 }
 
 fn help(command: &str) -> String {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_luxel")).args(command.split_whitespace()).arg("--help").output().unwrap();
-    String::from_utf8(output.stdout).unwrap()
+    stdout(&luxel(&command.split_whitespace().chain(["--help"]).collect::<Vec<_>>()))
 }
 
 /// Options of cargo, schedulers and their kin that the documents speak of.
@@ -204,15 +207,10 @@ fn every_subcommand_and_scene_that_the_readme_uses_exists() {
 fn the_pipeline_names_the_stages_of_the_report() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let scene = root().join("scenes/furnace_box.toml");
-    let bake = Command::new(env!("CARGO_BIN_EXE_luxel"))
-        .args(["bake", "--grid", "4", "--preview-size", "16x12", "--quiet"])
-        .arg(&scene)
-        .arg("-o")
-        .arg(folder.path())
-        .output()
-        .unwrap();
-    assert!(bake.status.success(), "{}", String::from_utf8_lossy(&bake.stderr));
+    let scene = scene("furnace_box.toml");
+    let quick = ["bake", "--grid", "4", "--preview-size", "16x12", "--quiet"];
+    let bake = luxel(&[&quick[..], &[text(&scene), "-o", text(folder.path())]].concat());
+    assert!(bake.status.success(), "{}", stderr(&bake));
     let report = fs::read_to_string(folder.path().join("bake.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     let mut at = 0;

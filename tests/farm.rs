@@ -1,5 +1,8 @@
 //! A bake that is shared out: the bytes of one process, whatever happened to the shards on the way.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -8,6 +11,7 @@ use std::{
     time::Duration,
 };
 
+use command::{LUXEL, assert_same_results, scene};
 use luxel::{
     Error, Result,
     bake::Run,
@@ -23,11 +27,11 @@ const QUICK: [&str; 6] = ["--grid", "12", "--rays", "64", "--point-samples", "8"
 const PICTURE: [&str; 2] = ["--preview-size", "32x24"];
 
 fn luxel() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_luxel"))
+    Command::new(LUXEL)
 }
 
 fn cornell() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml")
+    scene("cornell.toml")
 }
 
 /// The quick settings, where these options have no others.
@@ -91,25 +95,14 @@ fn alone(folder: &TempDir, options: &[&str]) -> (PathBuf, PathBuf) {
     (results, file)
 }
 
-/// All files but the report, which tells of the run.
-fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| name(path) != "bake.json");
-    paths.sort();
-    paths.iter().map(|path| (name(path), fs::read(path).unwrap())).collect()
-}
-
 /// The merged shards are what one process makes.
 fn same(folder: &TempDir, place: &Path, (results, file): &(PathBuf, PathBuf), what: &str) {
     let (merged, merged_file) = (folder.path().join("merged"), folder.path().join("merged.lxt"));
     ends(&mut merge(place, &merged), 0);
     ends(&mut merge(place, &merged_file), 0);
-    let (merged, results) = (files(&merged), files(results));
-    assert_eq!(results.len(), 8);
-    for (a, b) in merged.iter().zip(&results) {
-        assert!(a == b, "{what}: {} and {} differ", a.0, b.0);
-    }
+    // Shown where they differ.
+    println!("{what}");
+    assert_same_results(&merged, results);
     assert!(fs::read(merged_file).unwrap() == fs::read(file).unwrap(), "{what}: the transfer files differ");
 }
 
