@@ -24,7 +24,7 @@ fn bake(options: &BakeOptions) -> Bake {
 
 /// Every result, as bytes.
 fn bytes(bake: &Bake) -> Vec<u8> {
-    let vectors = [
+    let vectors: [&[_]; 11] = [
         &bake.mesh.positions,
         &bake.mesh.normals,
         &bake.mesh.albedo,

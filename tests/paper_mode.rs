@@ -46,7 +46,7 @@ fn no_face_lies_between_two_occupied_voxels_or_inside_the_block() {
     let scene = room();
     let bake = bake(&scene, &faces(options(14, 64)));
     let grid = bake.simplified.grid;
-    let occupied: std::collections::HashSet<u64> = luxel::simplify::clip(&scene, &grid).voxel.into_iter().collect();
+    let occupied: std::collections::HashSet<u64> = luxel::simplify::clip(&scene, &grid).voxel.iter().copied().collect();
     for i in 0..bake.patches().len() {
         let step = (0.5 * grid.voxel_size) as f32 * bake.patches().normal[i];
         let beyond = (bake.patches().centroid[i] + step).as_dvec3();

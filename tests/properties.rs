@@ -85,7 +85,7 @@ fn difference(a: &[Vec3], b: &[Vec3]) -> f32 {
 
 /// Every result as bits.
 fn bits(bake: &Bake) -> Vec<u32> {
-    let vectors = [
+    let vectors: [&[_]; 8] = [
         &bake.mesh.positions,
         &bake.mesh.normals,
         &bake.vertices.direct,

@@ -4,7 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{Kept, Run, Sight, check, measure::Clock, outlook, prepared::Prepared};
 use crate::{
-    BakeOptions, Result, Scene, options::PatchSource, outlook::Outlook, scene::SurfacePoint, trace::RayTracer, transfer,
+    BakeOptions, Result, Scene,
+    options::PatchSource,
+    outlook::Outlook,
+    scene::SurfacePoint,
+    trace::RayTracer,
+    transfer::{self, RowPoints},
 };
 
 /// How the rows of [`prepare`](super::prepare) are cast, besides patches and options. Lists are by patch; empty ones hold
@@ -25,6 +30,8 @@ pub struct Outlined {
     pub outline: Outline,
     /// What is to be known for the vertices; `None` where these are not made before all rows are there.
     pub shared: Option<Shared>,
+    /// Where the rays of rows start and go.
+    pub points: RowPoints,
     /// Tracer of what the patches are pieces of.
     pub tracer: Box<dyn RayTracer>,
 }
@@ -70,7 +77,7 @@ pub fn outline(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
     } else {
         run.keeper.begin(&mut kept.rows, &|| Ok(Outlook::of_rows(0.0)))?;
     }
-    let outer = needs.outer.clone();
+    let outline = Outline { outer: needs.outer.clone(), few, spared };
     kept.simplified = Some(prepared.simplified);
-    Ok(Outlined { outline: Outline { outer, few, spared }, shared, tracer: prepared.tracers.into_patches() })
+    Ok(Outlined { outline, shared, points: prepared.points, tracer: prepared.tracers.into_patches() })
 }

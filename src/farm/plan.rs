@@ -19,7 +19,7 @@ use crate::{
     bake::{self, Kept, Outline, Outlined, ROWS_A_BLOCK, Run, Shared, Sight},
     estimate,
     lxt::{
-        Container, Identity, Name,
+        Container, Identity, Name, points,
         rows::{self, ROWS},
         simplified, source, stencils, write_file,
     },
@@ -79,7 +79,7 @@ impl Plan {
         let path = Plan::check_place(folder)?;
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
-        let Outlined { outline, shared, tracer } = bake::outline(scene, options, &mut kept, run)?;
+        let Outlined { outline, shared, points, tracer } = bake::outline(scene, options, &mut kept, run)?;
         let Some(simplified) = &kept.simplified else {
             return Err(Error::Scene(format!("scene \"{}\" has no patches", scene.name)));
         };
@@ -91,9 +91,10 @@ impl Plan {
             source::write(out, source)?;
             simplified::write_alone(out, simplified)?;
             out.value(OUTLINE, 0, &outline)?;
-            if let Some(Shared { points, sight }) = &shared {
+            points::write(out, points.rows())?;
+            if let Some(Shared { points: vertices, sight }) = &shared {
                 out.value(SIGHT, 0, sight)?;
-                for (k, part) in (0..).zip(evenly(points, shards.len())) {
+                for (k, part) in (0..).zip(evenly(vertices, shards.len())) {
                     stencils::write_points(out, k, part)?;
                 }
             }
@@ -137,7 +138,7 @@ impl Plan {
             end = patches.end;
         }
         // Lists of all patches are made of what this says, some before the patches are read.
-        if simplified::count(&file)? != end as usize {
+        if simplified::count(&file) != end as usize {
             return Err(file.wrong(SHARDS, 0, "is not of these patches"));
         }
         Ok(Plan { folder: folder.into(), file, identity, options, shards, again: OnceLock::new() })
@@ -204,6 +205,12 @@ impl Plan {
     /// Points whose stencils shard `k` makes.
     pub(super) fn points(&self, k: usize) -> Result<Vec<SurfacePoint>> {
         stencils::read_points(&self.file, k as u64)
+    }
+
+    /// Where the rays of rows start and go.
+    pub(super) fn row_points(&self, tracer: &dyn RayTracer) -> Result<RowPoints> {
+        let rows = points::read(&self.file, self.options.rays, tracer)?;
+        Ok(RowPoints::with_rows(rows, self.options.seed, tracer))
     }
 
     /// How rows are cast.

@@ -23,7 +23,7 @@ use crate::{
     reconstruct::{PatchIndex, Stencils},
     simplify::Simplified,
     trace::{self, RayTracer},
-    transfer::{self, Block, Casting, RowKeeper, RowPoints, Rows},
+    transfer::{self, Block, Casting, RowKeeper, Rows},
 };
 
 const SHARD: Name = Name::new("shard");
@@ -106,7 +106,7 @@ impl Plan {
         let simplified = self.simplified()?;
         let options = self.options();
         let tracer = trace::build(options.backend, &simplified.geometry)?;
-        let points = RowPoints::new(options.rays, options.seed, &*tracer);
+        let points = self.row_points(&*tracer)?;
         let casting = Casting { marked: true, ..Casting::new(&simplified, &*tracer, &outline.outer, &points) };
         let (own, other) = self.rows_of(k, &outline);
         let (mut rows, mut again) = (Rows::new(self.patches()), Rows::new(self.patches()));

@@ -85,9 +85,9 @@ impl fmt::Display for BuildId {
 
 static MATHEMATICS: LazyLock<String> = LazyLock::new(|| {
     let mut hasher = blake3::Hasher::new();
-    for i in 0..1024 {
+    for i in 0..256 {
         // From 0.01 to 100.
-        let x = 1e-2 * 1e4_f64.powf(i as f64 / 1023.0);
+        let x = 1e-2 * 1e4_f64.powf(i as f64 / 255.0);
         let y = x as f32;
         let (sin, cos) = x.sin_cos();
         let (sin32, cos32) = y.sin_cos();

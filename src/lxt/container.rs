@@ -6,11 +6,13 @@ use std::{
     sync::OnceLock,
 };
 
+use bytemuck::Pod;
 use bytes::Bytes;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
 use super::{
+    array::Array,
     layout::{END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned},
     map::map,
 };
@@ -131,6 +133,17 @@ impl Container {
             Ok((_, rest)) => Err(self.wrong(kind, number, &format!("has {} bytes too many: {REMEDY}", rest.len()))),
             Err(e) => Err(self.wrong(kind, number, &format!("cannot be understood ({e}): {REMEDY}"))),
         }
+    }
+
+    /// The values that [`Writer::array`](super::Writer::array) wrote as block `number` of `kind`, where they lie in the file.
+    ///
+    /// # Errors
+    /// [`Error::Input`] naming the block if it is not there, not what its checksum says, or no whole number of values.
+    pub fn array<T: Pod>(&self, kind: Name, number: u64) -> Result<Array<T>> {
+        let array = Array::of_bytes(self.block(kind, number)?);
+        array.ok_or_else(|| {
+            self.wrong(kind, number, &format!("is no whole number of {} bytes: {REMEDY}", size_of::<T>()))
+        })
     }
 
     /// The value that [`Writer::json`](super::Writer::json) wrote as block `number` of `kind`.

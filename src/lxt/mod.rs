@@ -1,5 +1,6 @@
 //! Transfer files: what a bake needs and no light changes. The bytes are explained in docs/LXT.md.
 
+mod array;
 mod build_id;
 mod cache;
 mod checkpoint;
@@ -8,6 +9,7 @@ mod identity;
 mod layout;
 mod log;
 pub(crate) mod map;
+pub mod points;
 pub(crate) mod raw;
 pub mod rows;
 pub mod simplified;
@@ -16,6 +18,7 @@ pub mod stencils;
 mod transfer;
 mod write;
 
+pub use array::Array;
 pub use build_id::BuildId;
 pub use cache::Cache;
 pub use checkpoint::Checkpoint;

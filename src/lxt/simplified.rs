@@ -1,4 +1,4 @@
-//! The simplified scene in a container: blocks `grid`, `geometry`, `fragments`, `patches`.
+//! The simplified scene in a container: blocks `grid` and `geometry`, and `fragments` and `patches`, an array each.
 //!
 //! Colours of patches are not kept, since materials may change, nor is the table from hits to patches, which follows from
 //! the fragments.
@@ -27,9 +27,28 @@ pub fn write<W: Write>(out: &mut Writer<W>, simplified: &Simplified, options: &B
     if options.patches != PatchSource::Surfels {
         out.value(GEOMETRY, 0, &simplified.geometry)?;
     }
-    out.value(FRAGMENTS, 0, &simplified.fragments)?;
-    out.value(PATCHES, 0, &simplified.patches)
+    write_pieces(out, simplified)
 }
+
+fn write_pieces<W: Write>(out: &mut Writer<W>, simplified: &Simplified) -> io::Result<()> {
+    let Fragments { triangle, voxel, start, uv, patch } = &simplified.fragments;
+    out.array(FRAGMENTS, 0, triangle)?;
+    out.array(FRAGMENTS, 1, voxel)?;
+    out.array(FRAGMENTS, 2, start)?;
+    out.array(FRAGMENTS, 3, uv)?;
+    out.array(FRAGMENTS, 4, patch)?;
+    let Patches { area, centroid, eye, normal, albedo: _, emitted: _, voxel, start, members } = &simplified.patches;
+    out.array(PATCHES, AREAS, area)?;
+    out.array(PATCHES, 1, centroid)?;
+    out.array(PATCHES, 2, eye)?;
+    out.array(PATCHES, 3, normal)?;
+    out.array(PATCHES, 4, voxel)?;
+    out.array(PATCHES, 5, start)?;
+    out.array(PATCHES, 6, members)
+}
+
+/// Number of the block of the patches' areas.
+const AREAS: u64 = 0;
 
 /// As [`write()`], for who has not got the scene: for [`read_alone`].
 ///
@@ -38,8 +57,7 @@ pub fn write<W: Write>(out: &mut Writer<W>, simplified: &Simplified, options: &B
 pub fn write_alone<W: Write>(out: &mut Writer<W>, simplified: &Simplified) -> io::Result<()> {
     out.value(GRID, 0, &simplified.grid)?;
     out.value(GEOMETRY, 0, &simplified.geometry)?;
-    out.value(FRAGMENTS, 0, &simplified.fragments)?;
-    out.value(PATCHES, 0, &simplified.patches)
+    write_pieces(out, simplified)
 }
 
 /// Reads what [`write_alone`] wrote; the patches have no colours.
@@ -51,15 +69,8 @@ pub fn read_alone(file: &Container) -> Result<Simplified> {
 }
 
 /// How many patches there are, without reading them.
-///
-/// # Errors
-/// Those of [`Container::value`].
-pub fn count(file: &Container) -> Result<usize> {
-    // Their areas come first, after the length of these in bytes.
-    match postcard::take_from_bytes::<usize>(&file.block(PATCHES, 0)?) {
-        Ok((bytes, _)) => Ok(bytes / size_of::<f32>()),
-        Err(e) => Err(file.wrong(PATCHES, 0, &format!("cannot be understood ({e})"))),
-    }
+pub fn count(file: &Container) -> usize {
+    file.length(PATCHES, AREAS).unwrap_or(0) / size_of::<f32>()
 }
 
 /// The blocks that [`write()`] and [`write_alone`] have in common.
@@ -80,8 +91,23 @@ pub fn read(file: &Container, scene: &Scene, options: &BakeOptions) -> Result<Si
 }
 
 fn of_parts(file: &Container, grid: Grid, geometry: Geometry) -> Result<Simplified> {
-    let fragments: Fragments = file.value(FRAGMENTS, 0)?;
-    let patches: Patches = file.value(PATCHES, 0)?;
+    let fragments = Fragments {
+        triangle: file.array(FRAGMENTS, 0)?,
+        voxel: file.array(FRAGMENTS, 1)?,
+        start: file.array(FRAGMENTS, 2)?,
+        uv: file.array(FRAGMENTS, 3)?,
+        patch: file.array(FRAGMENTS, 4)?,
+    };
+    let patches = Patches {
+        area: file.array(PATCHES, AREAS)?,
+        centroid: file.array(PATCHES, 1)?,
+        eye: file.array(PATCHES, 2)?,
+        normal: file.array(PATCHES, 3)?,
+        voxel: file.array(PATCHES, 4)?,
+        start: file.array(PATCHES, 5)?,
+        members: file.array(PATCHES, 6)?,
+        ..Patches::default()
+    };
     simplify::check(&grid, &geometry, &fragments, &patches).map_err(|e| file.wrong(PATCHES, 0, &e))?;
     let hit_map = HitMap::new(&geometry, &fragments, &grid);
     Ok(Simplified { grid, geometry, fragments, patches, hit_map })

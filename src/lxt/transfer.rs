@@ -78,9 +78,11 @@ impl Transfer {
     /// Those of [`Transfer::write`] and [`Container::block`].
     pub fn copy(path: &Path, file: &Container, kept: &Kept) -> Result<()> {
         let kinds = [IDENTITY, OPTIONS, source::SCENE].into_iter().chain(simplified::COMMON);
-        let blocks = kinds.map(|kind| Ok((kind, file.block_with_hash(kind, 0)?))).collect::<Result<Vec<_>>>()?;
+        let names = kinds.flat_map(|kind| file.numbers(kind).map(move |number| (kind, number)));
+        let block = |(kind, number)| Ok((kind, number, file.block_with_hash(kind, number)?));
+        let blocks = names.map(block).collect::<Result<Vec<_>>>()?;
         write_file(path, Transfer::PURPOSE, |out| {
-            blocks.iter().try_for_each(|(kind, (payload, hash))| out.copy(*kind, 0, payload, *hash))?;
+            blocks.iter().try_for_each(|(kind, number, (payload, hash))| out.copy(*kind, *number, payload, *hash))?;
             Transfer::fill_rest(out, kept)
         })
     }

@@ -5,6 +5,7 @@ use std::{
     path::Path,
 };
 
+use bytemuck::NoUninit;
 use serde::Serialize;
 
 use super::layout::{ALIGNMENT, END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned};
@@ -82,6 +83,14 @@ impl<W: Write> Writer<W> {
         self.at += length;
         self.table.push(Entry { kind, number, length, hash: hasher.finalize().into() });
         Ok(())
+    }
+
+    /// Adds the block `number` of `kind` with these values in the machine's layout.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn array<T: NoUninit>(&mut self, kind: Name, number: u64, values: &[T]) -> io::Result<()> {
+        self.block(kind, number, &[bytemuck::cast_slice(values)])
     }
 
     /// Adds the block `number` of `kind` with `value` in JSON: what other versions shall be able to read.

@@ -276,9 +276,9 @@ mod tests {
 
     fn one_patch() -> (Patches, PatchLight) {
         let patches = Patches {
-            area: vec![0.25],
-            centroid: vec![Vec3::new(0.25, 0.25, 0.25)],
-            normal: vec![Vec3::Z],
+            area: vec![0.25].into(),
+            centroid: vec![Vec3::new(0.25, 0.25, 0.25)].into(),
+            normal: vec![Vec3::Z].into(),
             albedo: vec![Vec3::splat(0.5)],
             emitted: vec![Vec3::ZERO],
             ..Default::default()

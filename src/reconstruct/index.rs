@@ -115,7 +115,7 @@ mod tests {
             centroid.iter_mut().for_each(|c| *c = c.clamp(Vec3::ZERO, size.into()));
             centroid.sort_by_key(|c| grid.raster(grid.voxel_of(c.as_dvec3())));
             let voxel = centroid.iter().map(|c| grid.raster(grid.voxel_of(c.as_dvec3()))).collect();
-            let index = PatchIndex::new(&Patches { centroid: centroid.clone(), voxel, ..Patches::default() }, grid);
+            let index = PatchIndex::new(&Patches { centroid: centroid.clone().into(), voxel, ..Patches::default() }, grid);
 
             let distance = |j: usize| centroid[j].distance(p) / (1.25 * radius);
             let (mut within, mut near, mut asked) = (vec![], vec![], vec![]);

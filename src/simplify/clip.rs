@@ -2,32 +2,26 @@
 
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::grid::Grid;
-use crate::Scene;
+use crate::{Scene, lxt::Array};
 
 /// Marks the absence of a patch.
 pub const NO_PATCH: u32 = u32::MAX;
 
 /// Convex pieces of triangles, each inside one voxel; sorted by triangle.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct Fragments {
     /// Scene triangle of each fragment.
-    #[serde(with = "crate::lxt::raw")]
-    pub triangle: Vec<u32>,
+    pub triangle: Array<u32>,
     /// Raster position of its voxel.
-    #[serde(with = "crate::lxt::raw")]
-    pub voxel: Vec<u64>,
+    pub voxel: Array<u64>,
     /// Where its corners begin in `uv`; one more entry than fragments.
-    #[serde(with = "crate::lxt::raw")]
-    pub start: Vec<u32>,
+    pub start: Array<u32>,
     /// Corners as barycentric weights of the triangle's second and third vertex, in the winding of the triangle.
-    #[serde(with = "crate::lxt::raw")]
-    pub uv: Vec<Vec2>,
+    pub uv: Array<Vec2>,
     /// Patch of the front and of the back; [`NO_PATCH`] where that side is the inside of an object.
-    #[serde(with = "crate::lxt::raw")]
-    pub patch: Vec<[u32; 2]>,
+    pub patch: Array<[u32; 2]>,
 }
 
 impl Fragments {
@@ -56,35 +50,32 @@ impl Fragments {
     /// Adds one fragment; `uv` has at least three corners.
     pub fn push(&mut self, triangle: u32, voxel: u64, uv: impl IntoIterator<Item = Vec2>) {
         if self.start.is_empty() {
-            self.start.push(0);
+            self.start.own().push(0);
         }
-        self.triangle.push(triangle);
-        self.voxel.push(voxel);
-        self.uv.extend(uv);
-        self.start.push(self.uv.len() as u32);
-        self.patch.push([NO_PATCH; 2]);
+        self.triangle.own().push(triangle);
+        self.voxel.own().push(voxel);
+        self.uv.own().extend(uv);
+        self.start.own().push(self.uv.len() as u32);
+        self.patch.own().push([NO_PATCH; 2]);
     }
 
     /// The fragments of all `parts`, one part after the other.
     pub(super) fn join(parts: &[Fragments]) -> Fragments {
         let (count, corners) = parts.iter().fold((0, 0), |sum, part| (sum.0 + part.len(), sum.1 + part.uv.len()));
-        let mut all = Fragments {
-            triangle: Vec::with_capacity(count),
-            voxel: Vec::with_capacity(count),
-            start: Vec::with_capacity(count + 1),
-            uv: Vec::with_capacity(corners),
-            patch: Vec::with_capacity(count),
-        };
-        all.start.push(0);
+        let mut start = Vec::with_capacity(count + 1);
+        let (mut triangle, mut voxel) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut uv, mut patch) = (Vec::with_capacity(corners), Vec::with_capacity(count));
+        start.push(0);
         for part in parts {
-            let before = all.uv.len() as u32;
-            all.start.extend(part.start.iter().skip(1).map(|end| before + end));
-            all.triangle.extend_from_slice(&part.triangle);
-            all.voxel.extend_from_slice(&part.voxel);
-            all.uv.extend_from_slice(&part.uv);
-            all.patch.extend_from_slice(&part.patch);
+            let before = uv.len() as u32;
+            start.extend(part.start.iter().skip(1).map(|end| before + end));
+            triangle.extend_from_slice(&part.triangle);
+            voxel.extend_from_slice(&part.voxel);
+            uv.extend_from_slice(&part.uv);
+            patch.extend_from_slice(&part.patch);
         }
-        all
+        let [start, triangle] = [start, triangle].map(Array::from);
+        Fragments { triangle, voxel: voxel.into(), start, uv: uv.into(), patch: patch.into() }
     }
 }
 

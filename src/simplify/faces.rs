@@ -23,7 +23,7 @@ pub fn faces(scene: &Scene, grid: Grid, rule: FaceColour) -> Simplified {
     let occupied = |voxel: [u32; 3]| voxels.binary_search_by_key(&grid.raster(voxel), |v| v[0].0).is_ok();
 
     let mut geometry = Geometry::default();
-    let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
+    let mut fragments = Fragments { start: vec![0].into(), ..Fragments::default() };
     let mut groups = Groups::new();
     let mut colours: Vec<Colour> = Vec::new();
     for members in &voxels {

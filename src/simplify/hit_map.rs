@@ -77,23 +77,25 @@ impl HitMap {
         for t in 0..geometry.triangles.len() {
             first[t + 1] += first[t];
         }
-        let chunks: Vec<Chunk> = (0..geometry.triangles.len())
-            .collect::<Vec<_>>()
-            .par_chunks(share(geometry.triangles.len()))
+        let share = share(geometry.triangles.len());
+        let chunks: Vec<Chunk> = (0..geometry.triangles.len().div_ceil(share))
+            .into_par_iter()
             .with_max_len(1)
-            .map(|triangles| {
+            .map(|k| {
                 let mut chunk = Chunk::default();
-                for &t in triangles {
+                for t in k * share..geometry.triangles.len().min((k + 1) * share) {
                     chunk.add(geometry, fragments, grid, t, first[t]..first[t + 1]);
                 }
                 chunk
             })
             .collect();
+        let sum = |length: fn(&Chunk) -> usize| chunks.iter().map(length).sum::<usize>();
+        let cells = sum(|chunk| chunk.cells.len()) + 1;
         let mut map = HitMap {
             triangles: Vec::with_capacity(geometry.triangles.len() + 1),
-            rows: Vec::new(),
-            cells: [0; 2].map(|_| Vec::with_capacity(fragments.len() + 1)),
-            lists: Vec::new(),
+            rows: Vec::with_capacity(sum(|chunk| chunk.rows.len()) + 1),
+            cells: [0; 2].map(|_| Vec::with_capacity(cells)),
+            lists: Vec::with_capacity(sum(|chunk| chunk.lists.len())),
         };
         for chunk in chunks {
             let (rows, cells, lists) = (map.rows.len() as u32, map.cells[0].len() as u32, map.lists.len() as u32);

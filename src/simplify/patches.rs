@@ -2,7 +2,6 @@
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 use super::{
     clip::{Fragments, NO_PATCH, point_at, uv_centroid},
@@ -10,38 +9,29 @@ use super::{
     layers::LIFT,
     normal_of,
 };
-use crate::{Scene, trace::Geometry};
+use crate::{Scene, lxt::Array, trace::Geometry};
 
 /// The patches of the radiosity system, structure of arrays; local units. Sorted by voxel in raster order.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct Patches {
     /// Area.
-    #[serde(with = "crate::lxt::raw")]
-    pub area: Vec<f32>,
+    pub area: Array<f32>,
     /// Area-weighted mean position.
-    #[serde(with = "crate::lxt::raw")]
-    pub centroid: Vec<Vec3>,
+    pub centroid: Array<Vec3>,
     /// Where rays to other points of the same surface start: slightly above it, near the centroid.
-    #[serde(with = "crate::lxt::raw")]
-    pub eye: Vec<Vec3>,
+    pub eye: Array<Vec3>,
     /// Unit mean normal.
-    #[serde(with = "crate::lxt::raw")]
-    pub normal: Vec<Vec3>,
+    pub normal: Array<Vec3>,
     /// Mean albedo.
-    #[serde(skip)]
     pub albedo: Vec<Vec3>,
     /// Mean emitted exitance, W/m2.
-    #[serde(skip)]
     pub emitted: Vec<Vec3>,
     /// Raster position of the voxel.
-    #[serde(with = "crate::lxt::raw")]
-    pub voxel: Vec<u64>,
+    pub voxel: Array<u64>,
     /// Where the members of each patch begin; one more entry than patches.
-    #[serde(with = "crate::lxt::raw")]
-    pub start: Vec<u32>,
+    pub start: Array<u32>,
     /// `fragment * 2 + side` of every member.
-    #[serde(with = "crate::lxt::raw")]
-    pub members: Vec<u32>,
+    pub members: Array<u32>,
 }
 
 impl Patches {
@@ -68,16 +58,18 @@ impl Patches {
         colours: &[Colour],
         voxel_size: f32,
     ) -> Patches {
+        let sides = fragments.patch.own();
         for (i, group) in groups.iter().enumerate() {
             for &m in group {
-                debug_assert_eq!(fragments.patch[(m >> 1) as usize][(m & 1) as usize], NO_PATCH);
-                fragments.patch[(m >> 1) as usize][(m & 1) as usize] = i as u32;
+                debug_assert_eq!(sides[(m >> 1) as usize][(m & 1) as usize], NO_PATCH);
+                sides[(m >> 1) as usize][(m & 1) as usize] = i as u32;
             }
         }
         let shapes: Vec<(f64, DVec3, DVec3)> =
             groups.par_iter().map(|group| shape(geometry, fragments, group)).collect();
         let voxel = groups.iter().map(|group| fragments.voxel[(group[0] >> 1) as usize]).collect();
-        let mut patches = Patches { voxel, start: groups.start, members: groups.members, ..Patches::default() };
+        let mut patches =
+            Patches { voxel, start: groups.start.into(), members: groups.members.into(), ..Patches::default() };
         patches.area = shapes.iter().map(|s| s.0 as f32).collect();
         patches.centroid = shapes.iter().map(|s| s.1.as_vec3()).collect();
         patches.normal = shapes.iter().map(|s| s.2.as_vec3()).collect();

@@ -42,7 +42,7 @@ pub(super) fn simplified(scene: &Scene, grid: Grid, mut mesh: Mesh, size: f32, t
     order.par_sort_unstable();
 
     let mut geometry = Geometry { positions: mesh.positions.clone(), triangles: Vec::with_capacity(order.len()) };
-    let mut fragments = Fragments { start: vec![0], ..Fragments::default() };
+    let mut fragments = Fragments { start: vec![0].into(), ..Fragments::default() };
     let mut groups = Groups::new();
     for (k, &(voxel, t)) in order.iter().enumerate() {
         geometry.triangles.push(mesh.triangles[t as usize]);

@@ -113,7 +113,7 @@ impl Emitter {
         }
         rays.coherent = true;
         let origins = &sets.origin[set.clone()];
-        let directions = [&sets.direction_x[set.clone()], &sets.direction_y[set.clone()], &sets.direction_z[set]];
+        let directions = sets.directions.each_ref().map(|of_axis| &of_axis[set.clone()]);
         let turn = azimuth.sin_cos();
         let flat = self.normals.iter().all(|n| *n == self.normals[0]);
         if flat {

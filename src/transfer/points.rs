@@ -3,7 +3,7 @@
 use std::{ops::Range, sync::OnceLock};
 
 use super::cast::row_length;
-use crate::{sampling, trace::RayTracer};
+use crate::{lxt::Array, sampling, trace::RayTracer};
 
 /// The points of the rows of a bake. Sets are made when they are first asked for, by one thread, so that any may ask at
 /// any time; all who cast rows of the bake share them.
@@ -19,6 +19,12 @@ impl RowPoints {
     /// Of rows of so many rays, a power of two, at most 65536, that `tracer` traces.
     pub fn new(rays: u32, seed: u64, tracer: &dyn RayTracer) -> RowPoints {
         RowPoints { rays, seed, packets: tracer.traces_packets(), rows: OnceLock::new(), fewer: OnceLock::new() }
+    }
+
+    /// As [`RowPoints::new`]; usual rows have these.
+    pub fn with_rows(rows: PointSets, seed: u64, tracer: &dyn RayTracer) -> RowPoints {
+        let rays = rows.len as u32;
+        RowPoints { rows: OnceLock::from(rows), ..RowPoints::new(rays, seed, tracer) }
     }
 
     /// Rays of a usual row.
@@ -64,16 +70,12 @@ pub struct PointSets {
     pub len: usize,
     /// So many at the head of a set hold the leading ones.
     pub probe: usize,
-    /// Unit directions, cosine-distributed about +z; sets one after the other.
-    pub direction_x: Vec<f32>,
-    /// y of the directions.
-    pub direction_y: Vec<f32>,
-    /// z of the directions.
-    pub direction_z: Vec<f32>,
+    /// x, y and z of unit directions, cosine-distributed about +z; sets one after the other.
+    pub directions: [Array<f32>; 3],
     /// Coordinates of the origins: fixed-point fractions of 16 bits, the first in the upper half.
-    pub origin: Vec<u32>,
+    pub origin: Array<u32>,
     /// Where the leading points stand in their sets.
-    leading: Vec<u16>,
+    pub leading: Array<u16>,
     sets: usize,
 }
 
@@ -85,6 +87,11 @@ pub const LEADING: usize = 64;
 /// Longest rows whose leading rays have their places among the others in packets. In longer ones they are few.
 const MOST_MIXED: usize = 512;
 
+/// How many sets there are of `len` points each.
+fn sets(len: usize) -> usize {
+    (POINTS / len).max(16)
+}
+
 fn probe(len: usize, packets: bool) -> usize {
     if packets && len <= MOST_MIXED { len } else { LEADING.min(len) }
 }
@@ -93,43 +100,48 @@ impl PointSets {
     /// Makes sets of `len` points (a power of two, at most 65536), for a tracer that traces successive rays as `packets`
     /// or not.
     pub fn new(len: usize, seed: u64, packets: bool) -> PointSets {
-        let sets = (POINTS / len).max(16);
-        let vec = || Vec::with_capacity(sets * len);
-        let mut all = PointSets {
-            len,
-            probe: probe(len, packets),
-            direction_x: vec(),
-            direction_y: vec(),
-            direction_z: vec(),
-            origin: Vec::with_capacity(sets * len),
-            leading: Vec::with_capacity(sets * LEADING.min(len)),
-            sets,
+        let (sets, probe) = (sets(len), probe(len, packets));
+        let mut directions = [0; 3].map(|_| Vec::with_capacity(sets * len));
+        let mut origin = Vec::with_capacity(sets * len);
+        let mut push = |point: &Point| {
+            let [u, v, a, b] = point.at;
+            let d = sampling::cosine_hemisphere(u, v).to_array();
+            directions.iter_mut().zip(d).for_each(|(all, d)| all.push(d));
+            origin.push(fixed_point(a) & 0xffff_0000 | fixed_point(b) >> 16);
         };
+        let mut leading = Vec::with_capacity(sets * LEADING.min(len));
         let mut cells = vec![Point::default(); len];
         for set in 0..sets {
             let seed = sampling::hash(&[seed, POINT_SETS, set as u64]);
             fill(&mut cells, seed);
-            if all.probe == len {
-                let leading = (0..).zip(&cells).filter(|(_, point)| point.leads);
-                all.leading.extend(leading.map(|(k, _)| k));
-                cells.iter().for_each(|point| all.push(point));
+            if probe == len {
+                leading.extend((0..).zip(&cells).filter(|(_, point)| point.leads).map(|(k, _)| k));
+                cells.iter().for_each(&mut push);
             } else {
-                all.leading.extend(0..LEADING as u16);
+                leading.extend(0..LEADING as u16);
                 for leads in [true, false] {
-                    cells.iter().filter(|point| point.leads == leads).for_each(|point| all.push(point));
+                    cells.iter().filter(|point| point.leads == leads).for_each(&mut push);
                 }
             }
         }
-        all
+        let directions = directions.map(Array::from);
+        PointSets { len, probe, directions, origin: origin.into(), leading: leading.into(), sets }
     }
 
-    fn push(&mut self, point: &Point) {
-        let [u, v, a, b] = point.at;
-        let d = sampling::cosine_hemisphere(u, v);
-        self.direction_x.push(d.x);
-        self.direction_y.push(d.y);
-        self.direction_z.push(d.z);
-        self.origin.push(fixed_point(a) & 0xffff_0000 | fixed_point(b) >> 16);
+    /// Sets that somebody has [made](PointSets::new) of these arrays; `None` if they are no such sets.
+    pub fn of_arrays(
+        len: usize,
+        packets: bool,
+        directions: [Array<f32>; 3],
+        origin: Array<u32>,
+        leading: Array<u16>,
+    ) -> Option<PointSets> {
+        let sets = sets(len);
+        let all = directions.iter().all(|d| d.len() == sets * len) && origin.len() == sets * len;
+        let sound = directions.iter().flatten().all(|d| (-1.0..=1.0).contains(d))
+            && leading.len() == sets * LEADING.min(len)
+            && leading.iter().all(|&k| (k as usize) < len);
+        (all && sound).then(|| PointSets { len, probe: probe(len, packets), directions, origin, leading, sets })
     }
 
     /// The part of the arrays that set number `random` (modulo the number of sets) takes.
@@ -207,7 +219,8 @@ mod tests {
         for set in [0, 7] {
             let mut quadrants = [0; 4];
             for i in sets.set(set) {
-                quadrants[(sets.direction_x[i] > 0.0) as usize * 2 + (sets.direction_y[i] > 0.0) as usize] += 1;
+                let [x, y] = [0, 1].map(|axis| (sets.directions[axis][i] > 0.0) as usize);
+                quadrants[2 * x + y] += 1;
             }
             assert_eq!(quadrants, [64; 4]);
         }
@@ -218,7 +231,7 @@ mod tests {
         let (mixed, apart) = (PointSets::new(256, 3, true), PointSets::new(256, 3, false));
         assert_eq!((mixed.probe, apart.probe), (256, 64));
         let points = |sets: &PointSets, which: &mut dyn Iterator<Item = usize>| -> Vec<(u32, u32)> {
-            which.map(|k| (sets.direction_x[k].to_bits(), sets.origin[k])).collect()
+            which.map(|k| (sets.directions[0][k].to_bits(), sets.origin[k])).collect()
         };
         for set in [0, 5] {
             let first = mixed.set(set).start;
@@ -238,7 +251,7 @@ mod tests {
     #[test]
     fn mean_cosine_of_a_set_is_two_thirds() {
         let sets = PointSets::new(1024, 2, false);
-        let mean = sets.set(3).map(|i| sets.direction_z[i] as f64).sum::<f64>() / 1024.0;
+        let mean = sets.set(3).map(|i| sets.directions[2][i] as f64).sum::<f64>() / 1024.0;
         // Standard deviation of a cosine is 0.236; a random set would give 0.0074, a stratified one far less.
         assert!((mean - 2.0 / 3.0).abs() < 0.002, "{mean}");
     }
