@@ -112,6 +112,7 @@ mod avx512 {
     #[inline]
     #[target_feature(enable = "avx512f")]
     fn apart<const D: usize>(m: &mut Matrix) {
+        // With a filter this loop is not unrolled.
         for v in 0..16 {
             if v & D == 0 {
                 exchange(m, v, v | D);
