@@ -16,6 +16,7 @@ use luxel::{
     Error, Result,
     bake::Run,
     farm::{Cast, Plan},
+    lock::Lock,
     lxt::{Container, Name, Writer},
     outlook::Outlook,
     progress::{Progress, Silent},
@@ -440,6 +441,14 @@ fn a_plan_of_another_build_or_in_another_plans_place_is_refused() {
     let mut again = luxel();
     again.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&place).args(["--shard-seconds", "60"]);
     assert!(ends(&mut again, 1).contains("there is a plan already"));
+    let third = folder.path().join("third");
+    fs::create_dir(&third).unwrap();
+    let lock = Lock::folder(&third, "somebody else").unwrap();
+    let mut late = luxel();
+    late.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&third).args(["--shards", "2"]).args(QUICK);
+    assert!(ends(&mut late, 75).contains("in use by somebody else"));
+    drop(lock);
+    ends(&mut late, 0);
     let other = folder.path().join("other");
     let mut neither = luxel();
     neither.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&other).args(QUICK);

@@ -18,6 +18,7 @@ use crate::{
     BakeOptions, Error, Result, Scene,
     bake::{self, Kept, Outline, Outlined, ROWS_A_BLOCK, Run, Shared, Sight},
     estimate,
+    lock::Lock,
     lxt::{
         Container, Identity, Name, points,
         rows::{self, ROWS},
@@ -67,6 +68,7 @@ impl Plan {
     ///
     /// # Errors
     /// Those of [`prepare`](bake::prepare); [`Error::Option`] for no shards, or if there is a plan in the folder already;
+    /// [`Error::Busy`] if another process makes one there;
     /// [`Error::Io`] with the path.
     pub fn make(
         folder: &Path,
@@ -76,6 +78,9 @@ impl Plan {
         division: Division,
         run: &mut Run,
     ) -> Result<Plan> {
+        Plan::check_place(folder)?;
+        let _lock = Lock::folder(folder, "luxel farm plan")?;
+        // Another process may have made one before it left the lock.
         let path = Plan::check_place(folder)?;
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
