@@ -3,18 +3,11 @@
 #[path = "common/command.rs"]
 mod command;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::PathBuf};
 
-use command::{luxel, stderr, stdout, text};
+use command::{luxel, scene, stderr, stdout, text};
 use luxel::output::exr::{self, Compression, ExrChannel, ExrImage};
 use tempfile::TempDir;
-
-fn scene(name: &str) -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).to_str().unwrap().into()
-}
 
 /// A folder with points on the floor of the Cornell box.
 fn folder() -> (TempDir, PathBuf) {
@@ -30,8 +23,18 @@ fn a_bake_is_compared_with_a_reference() {
     let (folder, points) = folder();
     let (reference, bake) = (folder.path().join("ref.csv"), folder.path().join("bake.csv"));
     let cornell = scene("cornell.toml");
-    let output =
-        luxel(&["reference", &cornell, "--at", text(&points), "-o", text(&reference), "--stderr", "2%", "--seed", "7"]);
+    let output = luxel(&[
+        "reference",
+        text(&cornell),
+        "--at",
+        text(&points),
+        "-o",
+        text(&reference),
+        "--stderr",
+        "2%",
+        "--seed",
+        "7",
+    ]);
     assert!(output.status.success(), "{}", stderr(&output));
     assert!(stdout(&output).contains("std error"), "{}", stdout(&output));
     let csv = fs::read_to_string(&reference).unwrap();
@@ -43,7 +46,7 @@ fn a_bake_is_compared_with_a_reference() {
     assert_eq!(csv.lines().count(), 10);
     assert!(csv.lines().all(|line| line.split(',').count() == 24));
 
-    let output = luxel(&["points", &cornell, "--at", text(&points), "-o", text(&bake), "--grid", "16", "-q"]);
+    let output = luxel(&["points", text(&cornell), "--at", text(&points), "-o", text(&bake), "--grid", "16", "-q"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let compare = |more: &[&str]| luxel(&[&["compare", text(&bake), text(&reference)], more].concat());
     let output = compare(&[]);
@@ -67,7 +70,8 @@ fn a_number_of_paths_is_kept_and_gives_the_same_file_on_every_backend_that_is_th
     let run = |backend: &str, name: &str| {
         let out = folder.path().join(name);
         let cornell = scene("cornell.toml");
-        let at = ["reference", &cornell, "--at", text(&points), "-o", text(&out), "--spp", "32", "--backend", backend];
+        let at =
+            ["reference", text(&cornell), "--at", text(&points), "-o", text(&out), "--spp", "32", "--backend", backend];
         let output = luxel(&at);
         assert!(output.status.success(), "{}", stderr(&output));
         assert!(stdout(&output).contains("32 a point"), "{}", stdout(&output));
@@ -175,8 +179,18 @@ fn vertices_of_two_bakes_are_compared() {
     let bake = |name: &str, rays: &str| {
         let out = folder.path().join(name);
         let furnace = scene("furnace_box.toml");
-        let output =
-            luxel(&["bake", &furnace, "-o", text(&out), "--grid", "4", "--rays", rays, "--no-preview", "--quiet"]);
+        let output = luxel(&[
+            "bake",
+            text(&furnace),
+            "-o",
+            text(&out),
+            "--grid",
+            "4",
+            "--rays",
+            rays,
+            "--no-preview",
+            "--quiet",
+        ]);
         assert!(output.status.success(), "{}", stderr(&output));
         out.join("vertices.ply").to_str().unwrap().to_string()
     };
@@ -191,7 +205,7 @@ fn a_reference_fails_without_leaving_a_file() {
     let (folder, points) = folder();
     let out = folder.path().join("out/ref.csv");
     let cornell = scene("cornell.toml");
-    let base = ["reference", &cornell, "--at", text(&points), "-o", text(&out)];
+    let base = ["reference", text(&cornell), "--at", text(&points), "-o", text(&out)];
     let fails = |more: &[&str], code: i32, message: &str| {
         let output = luxel(&[&base, more].concat());
         assert_eq!(output.status.code(), Some(code), "{more:?}: {}", stderr(&output));
@@ -206,7 +220,7 @@ fn a_reference_fails_without_leaving_a_file() {
     // The lamp put out.
     fails(&["--emit", "light=0,0,0"], 1, "has no light");
     let nowhere = folder.path().join("nowhere.txt");
-    let output = luxel(&["reference", &cornell, "--at", text(&nowhere), "-o", text(&out)]);
+    let output = luxel(&["reference", text(&cornell), "--at", text(&nowhere), "-o", text(&out)]);
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("nowhere.txt"));
 }

@@ -1,11 +1,16 @@
 //! What the Markdown files say is there, is there.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
     process::Command,
 };
+
+use command::{luxel, scene, stderr, stdout, text};
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -62,9 +67,7 @@ fn options(text: &str) -> BTreeSet<&str> {
 }
 
 fn help(command: &str) -> String {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_luxel")).args(command.split_whitespace()).arg("--help").output().unwrap();
-    String::from_utf8(output.stdout).unwrap()
+    stdout(&luxel(&command.split_whitespace().chain(["--help"]).collect::<Vec<_>>()))
 }
 
 /// Options of cargo, schedulers and their kin that the documents speak of.
@@ -136,6 +139,53 @@ fn the_readme_names_every_option() {
     }
 }
 
+const BAKING: [&str; 8] = ["bake", "prepare", "relight", "farm plan", "farm shard", "farm merge", "points", "check"];
+
+/// Groups of options, and which of these commands have them, as the README says.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("goal", &["bake", "points"]),
+    ("pictures", &["bake", "relight", "farm merge"]),
+    ("settings", &["bake", "prepare", "farm plan", "points", "check"]),
+    ("light", &["bake", "prepare", "relight", "farm plan", "points", "check"]),
+    ("running", &BAKING),
+];
+
+#[test]
+fn a_command_has_all_options_of_its_groups_and_none_of_the_others() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    for (group, having) in GROUPS {
+        let (_, rows) = readme.split_once(&format!("\n| {group} | `")).expect(group);
+        let own = rows.lines().enumerate().take_while(|(n, line)| *n == 0 || line.starts_with("| | "));
+        let names = own.map(|(_, line)| line.trim_start_matches("| | `").split('|').next().unwrap());
+        let text: Vec<&str> = names.collect();
+        let text = text.join(" ");
+        let named = options(&text);
+        assert!(named.len() > 1, "{group}: {text}");
+        for command in BAKING {
+            let help = help(command);
+            let there = options(&help);
+            for option in &named {
+                assert_eq!(there.contains(option), having.contains(&command), "{option} of luxel {command}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_help_says_what_is_written_as_the_readme_does() {
+    let readme = fs::read_to_string(root().join("README.md")).unwrap();
+    let (mut command, mut seen) = ("", 0);
+    for line in readme.lines().filter(|line| line.starts_with("| ")) {
+        let line = line.trim_start_matches("| ");
+        command = line.split(" | ").next().filter(|first| !first.starts_with(['|', '`'])).unwrap_or(command);
+        let Some((_, place)) = line.split_once("`--output ") else { continue };
+        let place = place.split('`').next().unwrap().replace('\\', "");
+        assert!(help(command).contains(&format!("--output <{place}>")), "luxel {command}: --output {place}");
+        seen += 1;
+    }
+    assert!(seen >= 9, "only {seen} commands found");
+}
+
 #[test]
 fn every_subcommand_and_scene_that_the_readme_uses_exists() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
@@ -157,15 +207,10 @@ fn every_subcommand_and_scene_that_the_readme_uses_exists() {
 fn the_pipeline_names_the_stages_of_the_report() {
     let readme = fs::read_to_string(root().join("README.md")).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let scene = root().join("scenes/furnace_box.toml");
-    let bake = Command::new(env!("CARGO_BIN_EXE_luxel"))
-        .args(["bake", "--grid", "4", "--preview-size", "16x12", "--quiet"])
-        .arg(&scene)
-        .arg("-o")
-        .arg(folder.path())
-        .output()
-        .unwrap();
-    assert!(bake.status.success(), "{}", String::from_utf8_lossy(&bake.stderr));
+    let scene = scene("furnace_box.toml");
+    let quick = ["bake", "--grid", "4", "--preview-size", "16x12", "--quiet"];
+    let bake = luxel(&[&quick[..], &[text(&scene), "-o", text(folder.path())]].concat());
+    assert!(bake.status.success(), "{}", stderr(&bake));
     let report = fs::read_to_string(folder.path().join("bake.json")).unwrap();
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     let mut at = 0;

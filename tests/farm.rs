@@ -1,5 +1,8 @@
 //! A bake that is shared out: the bytes of one process, whatever happened to the shards on the way.
 
+#[path = "common/command.rs"]
+mod command;
+
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -8,10 +11,12 @@ use std::{
     time::Duration,
 };
 
+use command::{LUXEL, assert_same_results, scene};
 use luxel::{
     Error, Result,
     bake::Run,
     farm::{Cast, Plan},
+    lock::Lock,
     lxt::{Container, Name, Writer},
     outlook::Outlook,
     progress::{Progress, Silent},
@@ -23,11 +28,11 @@ const QUICK: [&str; 6] = ["--grid", "12", "--rays", "64", "--point-samples", "8"
 const PICTURE: [&str; 2] = ["--preview-size", "32x24"];
 
 fn luxel() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_luxel"))
+    Command::new(LUXEL)
 }
 
 fn cornell() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.toml")
+    scene("cornell.toml")
 }
 
 /// The quick settings, where these options have no others.
@@ -91,25 +96,14 @@ fn alone(folder: &TempDir, options: &[&str]) -> (PathBuf, PathBuf) {
     (results, file)
 }
 
-/// All files but the report, which tells of the run.
-fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| name(path) != "bake.json");
-    paths.sort();
-    paths.iter().map(|path| (name(path), fs::read(path).unwrap())).collect()
-}
-
 /// The merged shards are what one process makes.
 fn same(folder: &TempDir, place: &Path, (results, file): &(PathBuf, PathBuf), what: &str) {
     let (merged, merged_file) = (folder.path().join("merged"), folder.path().join("merged.lxt"));
     ends(&mut merge(place, &merged), 0);
     ends(&mut merge(place, &merged_file), 0);
-    let (merged, results) = (files(&merged), files(results));
-    assert_eq!(results.len(), 8);
-    for (a, b) in merged.iter().zip(&results) {
-        assert!(a == b, "{what}: {} and {} differ", a.0, b.0);
-    }
+    // Shown where they differ.
+    println!("{what}");
+    assert_same_results(&merged, results);
     assert!(fs::read(merged_file).unwrap() == fs::read(file).unwrap(), "{what}: the transfer files differ");
 }
 
@@ -193,6 +187,8 @@ fn a_shard_that_is_done_or_not_there_is_nothing_to_do() {
     let last: serde_json::Value = serde_json::from_str(said.trim().lines().last().unwrap()).unwrap();
     assert_eq!((&last["shard"], &last["state"]), (&1.into(), &"done".into()));
     assert!(last["rays"].as_u64().unwrap() > 10_000);
+    let said = ends(&mut shard(&place, "-1"), 2);
+    assert!(said.contains("must be a whole number, 0 or more"), "{said}");
     assert!(ends(&mut by("FARM_TEST_TASK", Some("one")), 1).contains("\"one\" is no number of a shard"));
     assert!(ends(&mut by("FARM_TEST_NOTHING", None), 1).contains("there is no such variable"));
     ends(luxel().args(["farm", "shard"]).arg(&place), 2);
@@ -364,8 +360,77 @@ fn shards_that_cannot_be_used_are_named_with_what_mends_them() {
     fs::write(path(2), &sound[1]).unwrap();
     let said = ends(&mut merge(&place, &to.with_extension("lxt")), 3);
     assert!(said.contains("is shard 1"), "{said}");
-    fs::write(path(2), &sound[2]).unwrap();
+    // All that are wrong are named at once.
+    fs::remove_file(path(0)).unwrap();
+    fs::write(path(1), changed(sound[1].len() / 2)).unwrap();
+    let said = ends(&mut merge(&place, &to), 3);
+    for what in ["3 of 3 shards", "shard 0 is missing", "shard 1 cannot be used", "shard 2 cannot be used"] {
+        assert!(said.contains(what), "{said}");
+    }
+    for (k, sound) in sound.iter().enumerate() {
+        fs::write(path(k), sound).unwrap();
+    }
     ends(&mut merge(&place, &to), 0);
+}
+
+#[test]
+fn however_many_shards_are_missing_all_are_named_with_commands_that_a_shell_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("our plan");
+    plan(&place, "99", &[]);
+    let shards = Plan::open(&place).unwrap().shards().len();
+    assert!(shards > 25, "{shards}");
+    cast(&place, [21, 23], 2);
+    let said = ends(&mut merge(&place, &folder.path().join("out")), 3);
+    assert!(said.contains(&format!("{} of {shards} shards", shards - 2)), "{said}");
+    for k in 0..20 {
+        assert!(
+            said.contains(&format!("shard {k} is missing: luxel farm shard '{}' {k}\n", place.display())),
+            "{said}"
+        );
+    }
+    assert!(said.contains(&format!("and {} more, 20,22,24-{}: see", shards - 22, shards - 1)), "{said}");
+}
+
+#[test]
+fn shards_without_light_are_merged_to_a_file_that_is_lit() {
+    let folder = tempfile::tempdir().unwrap();
+    let [place, file, out] = ["plan", "some.lxt", "out"].map(|name| folder.path().join(name));
+    let mut command = luxel();
+    command.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&place).args([
+        "--shards",
+        "2",
+        "--emit",
+        "light=0,0,0",
+    ]);
+    let said = ends(command.args(QUICK), 0);
+    assert!(said.contains("there is no light: merge the shards to a FILE.lxt"), "{said}");
+    cast(&place, 0..2, 2);
+    let said = ends(&mut merge(&place, &out), 1);
+    assert!(said.contains("add lights with luxel relight"), "{said}");
+    ends(&mut merge(&place, &file), 0);
+    ends(luxel().arg("relight").arg(&file).args(["--emit", "light=1,1,1", "--quiet", "-o"]).arg(&out).args(PICTURE), 0);
+}
+
+/// Removes the plan when the first rows are there.
+struct Vandal<'a>(&'a Path);
+
+impl RowKeeper for Vandal<'_> {
+    fn keep(&mut self, block: Block) -> Result<Block> {
+        fs::remove_dir_all(self.0).ok();
+        Ok(block)
+    }
+}
+
+#[test]
+fn a_shard_of_a_plan_that_vanished_meanwhile_is_not_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("plan");
+    plan(&place, "2", &[]);
+    let mut run = Run { progress: &Silent, keeper: &mut Vandal(&place), deadline: None };
+    let error = Plan::open(&place).unwrap().cast(0, HOUR, &mut run).unwrap_err();
+    assert!(error.to_string().contains("there is no plan"), "{error}");
+    assert!(!place.exists());
 }
 
 #[test]
@@ -376,6 +441,14 @@ fn a_plan_of_another_build_or_in_another_plans_place_is_refused() {
     let mut again = luxel();
     again.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&place).args(["--shard-seconds", "60"]);
     assert!(ends(&mut again, 1).contains("there is a plan already"));
+    let third = folder.path().join("third");
+    fs::create_dir(&third).unwrap();
+    let lock = Lock::folder(&third, "somebody else").unwrap();
+    let mut late = luxel();
+    late.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&third).args(["--shards", "2"]).args(QUICK);
+    assert!(ends(&mut late, 75).contains("in use by somebody else"));
+    drop(lock);
+    ends(&mut late, 0);
     let other = folder.path().join("other");
     let mut neither = luxel();
     neither.args(["farm", "plan"]).arg(cornell()).arg("-o").arg(&other).args(QUICK);
@@ -413,7 +486,10 @@ fn a_plan_of_another_build_or_in_another_plans_place_is_refused() {
 
     fs::write(&path, &bytes[..bytes.len() - 9]).unwrap();
     assert!(ends(&mut shard(&place, "0"), 1).contains("plan.lxt: is cut off"));
-    assert!(ends(&mut shard(&folder.path().join("nowhere"), "0"), 1).contains("nowhere/plan.lxt: "));
+    for wrong in [folder.path().join("nowhere"), path] {
+        let said = ends(&mut shard(&wrong, "0"), 1);
+        assert!(said.contains(&format!("{}/plan.lxt: there is no plan", wrong.display())), "{said}");
+    }
 }
 
 #[cfg(unix)]
@@ -467,6 +543,9 @@ mod interrupted {
         assert!(said.contains(&format!("in use by luxel farm shard 0, process {} on ", child.id())), "{said}");
         let said = ends(luxel().args(["farm", "status"]).arg(&place), 0);
         assert!(said.contains("1 running") && said.contains(&format!("process {}", child.id())), "{said}");
+        let said = ends(&mut merge(&place, &folder.path().join("out")), 3);
+        let holder = format!("shard 0 is not done: wait for luxel farm shard 0, process {} on ", child.id());
+        assert!(said.contains(&holder), "{said}");
 
         send(&child, KILL);
         assert_eq!(child.wait().unwrap().signal(), Some(KILL));

@@ -6,8 +6,8 @@ mod farm;
 use std::{collections::BTreeSet, fs, os::unix::fs::PermissionsExt, process::Command};
 
 use farm::{
-    command::{LUXEL, assert_same_results},
-    plan, run, scene,
+    command::{LUXEL, assert_same_results, scene},
+    plan, run,
 };
 
 /// Stands for ssh: runs the command on this machine, and lists the machine that it was meant for.

@@ -389,6 +389,13 @@ fn an_orbit_that_cannot_be_made_is_refused_before_the_bake() {
 }
 
 #[test]
+fn an_orbit_without_pictures_is_no_order() {
+    let output = luxel(&["relight", "some.lxt", "-o", "out", "--orbit", "2", "--no-preview"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(command::stderr(&output).contains("cannot be used with"));
+}
+
+#[test]
 fn points_take_rows_from_the_cache_and_keep_new_ones_there() {
     let (folder, scene) = room();
     let [at, plain, cached, cache] =

@@ -12,8 +12,8 @@ use std::{
 };
 
 use farm::{
-    command::{LUXEL, assert_same_results},
-    plan, run, scene, until,
+    command::{LUXEL, assert_same_results, scene},
+    plan, run, until,
 };
 
 /// Exit code of `tests/slurm/cluster` where there is no Slurm to start.

@@ -10,7 +10,10 @@ use std::{
     process::{Command, Output},
 };
 
-use farm::{command::LUXEL, plan, scene};
+use farm::{
+    command::{LUXEL, scene},
+    plan,
+};
 use tempfile::TempDir;
 
 /// A folder with a plan in `my plan`, and stand-ins in `bin` that list their calls in `calls`.

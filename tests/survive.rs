@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use command::{LUXEL, names, stderr};
+use command::{LUXEL, names, scene, stderr};
 
 const TERM: i32 = 15;
 const INT: i32 = 2;
@@ -30,7 +30,7 @@ fn luxel() -> Command {
 }
 
 fn cornell() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell.obj")
+    scene("cornell.obj")
 }
 
 /// `luxel bake` of the Cornell box into `out`.

@@ -10,7 +10,7 @@ use clap::Subcommand;
 use luxel::{
     Error, Result,
     bake::{self, Run},
-    farm::{Cast, Division, Plan, ShardState, ShardStatus},
+    farm::{Cast, Division, Plan, ShardState, ShardStatus, submit::command},
     lxt::Transfer,
     output::atomic::folder_of,
 };
@@ -39,7 +39,7 @@ enum Command {
     Plan(PlanArgs),
     /// Cast the rows of one shard; go on where it was interrupted; do nothing if it is done
     Shard(ShardArgs),
-    /// Tell how far the shards are
+    /// Tell how far the shards are; seconds are those foreseen, on one thread
     Status(StatusArgs),
     /// Put the shards together: the results of `luxel bake`, or the transfer file of `luxel prepare`, byte for byte
     Merge(MergeArgs),
@@ -78,7 +78,7 @@ struct ShardArgs {
     #[arg(value_name = "PLAN")]
     plan: PathBuf,
     /// Number of the shard, from 0; more than there are do nothing
-    #[arg(value_name = "K", required_unless_present = "index", allow_negative_numbers = true)]
+    #[arg(value_name = "K", required_unless_present = "index", value_parser = parse::index, allow_negative_numbers = true)]
     number: Option<usize>,
     /// Take the number from this variable of the environment, such as SLURM_ARRAY_TASK_ID
     #[arg(long, value_name = "VARIABLE", conflicts_with = "number")]
@@ -103,6 +103,7 @@ struct StatusArgs {
 }
 
 #[derive(clap::Args, Debug)]
+#[command(mut_arg("output", |output| output.value_name("DIR|FILE.lxt").help(MERGED)))]
 struct MergeArgs {
     /// Folder of the plan
     #[arg(value_name = "PLAN")]
@@ -114,6 +115,12 @@ struct MergeArgs {
     #[command(flatten)]
     running: Running,
 }
+
+const MERGED: &str = "Folder for the results of `luxel bake`, made if it is missing; or, by its ending, the transfer file of \
+                      `luxel prepare`";
+
+/// What to do with shards of a scene that has no light.
+const UNLIT: &str = "merge the shards to a FILE.lxt, and add lights with luxel relight";
 
 /// The ending of names of transfer files.
 const TRANSFER: &str = "lxt";
@@ -156,9 +163,13 @@ fn plan(args: &PlanArgs) -> Result<()> {
         for warning in &job.scene.warnings {
             line("warning", warning.clone());
         }
+        if !job.scene.has_light() {
+            line("warning", format!("there is no light: {UNLIT}"));
+        }
         line("shards", format!("{count} of {:.2} to {most:.2} s of one thread each, {all:.1} s in all", least(shards)));
         line("plan", place.to_string());
-        line("next", format!("luxel farm shard {place} K for K = 0 to {}, then luxel farm merge {place}", count - 1));
+        let [shard, merge] = ["shard", "merge"].map(|name| command(name, &args.output));
+        line("next", format!("{shard} K for K = 0 to {}, then {merge} -o DIR", count - 1));
     }
     Ok(())
 }
@@ -175,7 +186,8 @@ fn shard(args: &ShardArgs) -> Result<()> {
     let begun = Instant::now();
     let progress = terminal(&args.running);
     let place = args.plan.display();
-    signals::set_remedy(format!("the rows that were cast are kept; go on with: luxel farm shard {place} {k}"));
+    let again = command("shard", &args.plan);
+    signals::set_remedy(format!("the rows that were cast are kept; go on with: {again} {k}"));
     let (cast, count) = on_threads(args.running.threads, || {
         let plan = Plan::open(&args.plan)?;
         let mut keeper = args.memory.keeper_of(SHARD, &args.plan, 0);
@@ -207,8 +219,8 @@ fn shard(args: &ShardArgs) -> Result<()> {
 fn number_in(variable: &str) -> Result<usize> {
     let value = std::env::var(variable);
     let value = value.map_err(|_| Error::Option(format!("--index {variable}: there is no such variable")))?;
-    let number = value.trim().parse();
-    number.map_err(|_| Error::Option(format!("--index {variable}: \"{value}\" is no number of a shard, 0 or more")))
+    parse::index(&value)
+        .map_err(|e| Error::Option(format!("--index {variable}: \"{value}\" is no number of a shard: {e}")))
 }
 
 fn status(args: &StatusArgs) -> Result<()> {
@@ -266,6 +278,9 @@ fn merge(args: &MergeArgs) -> Result<()> {
         let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
         let mut kept = plan.merge()?;
         let scene = plan.scene()?;
+        if !scene.has_light() {
+            return Err(Error::Scene(format!("scene \"{}\" has no light: {UNLIT}", scene.name)));
+        }
         let mut bake = bake::bake_with(&scene, plan.options(), &mut kept, &mut run)?;
         keeper.tell(&mut bake);
         bake.report.rows.from = Some(args.plan.display().to_string());

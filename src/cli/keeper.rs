@@ -24,7 +24,7 @@ pub struct Memory {
     /// not fit go to a file, and what does not fit even so is not begun
     #[arg(long, value_name = "SIZE", value_parser = parse::memory)]
     memory_limit: Option<u64>,
-    /// Folder on a disk for form factors that do not fit the limit [default: that of the output]
+    /// Folder on a disk for form factors that do not fit the limit [default: that of the output, or of the plan]
     #[arg(long, value_name = "DIR", requires = "memory_limit")]
     spill_dir: Option<PathBuf>,
 }

@@ -23,7 +23,7 @@ use super::{parse, results::Results};
 pub struct Orbit {
     /// Write N pictures of a light that goes once round the vertical axis, orbit-0000.png and .exr and so on, in place
     /// of all other files
-    #[arg(long, value_name = "N", value_parser = parse::count)]
+    #[arg(long, value_name = "N", value_parser = parse::count, conflicts_with = "no_preview")]
     orbit: Option<usize>,
     /// The light that goes round: its number, from 0 as the scene has them, or the name of an emitting material
     /// [default: the first that is no sky]

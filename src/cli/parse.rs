@@ -192,6 +192,11 @@ fn triple(text: &str, form: &str) -> Parsed<DVec3> {
     Ok(three.into())
 }
 
+/// A number that counts from 0.
+pub fn index(text: &str) -> Parsed<usize> {
+    text.trim().parse().map_err(|_| "must be a whole number, 0 or more".into())
+}
+
 fn whole<T: FromStr + PartialOrd + std::fmt::Display>(text: &str, least: T, most: T) -> Parsed<T> {
     match text.trim().parse::<T>() {
         Ok(n) if n >= least && n <= most => Ok(n),

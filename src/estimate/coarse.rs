@@ -49,15 +49,15 @@ impl Coarse {
         // Every voxel holds eight of the bake's.
         let grid = Grid { voxel_size: 2.0 * fine.voxel_size, dims: fine.dims.map(|n| n.div_ceil(2)), ..fine };
         let mut simplified = simplify::surfels(scene, grid, bake.tracer());
-        let index = PatchIndex::new(&simplified.patches, grid);
         let patches = bake.patches();
-        let parent: Vec<u32> = (0..patches.len())
-            .into_par_iter()
-            .map(|i| match bake.options.patches {
-                PatchSource::Surfels => same_surface(&bake.simplified, &simplified, i),
-                _ => nearest(bake, &simplified, &index, i),
-            })
-            .collect();
+        let all = (0..patches.len()).into_par_iter();
+        let parent: Vec<u32> = match bake.options.patches {
+            PatchSource::Surfels => all.map(|i| same_surface(&bake.simplified, &simplified, i)).collect(),
+            _ => {
+                let index = PatchIndex::new(&simplified.patches, grid);
+                all.map(|i| nearest(bake, &simplified, &index, i)).collect()
+            }
+        };
         // Patches that light does not reach are known to be dark.
         let area: Vec<f64> =
             (0..patches.len())

@@ -4,10 +4,11 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use super::Plan;
+use super::{Plan, submit::command};
 use crate::{
     Error, Result, Scene,
     bake::{self, Kept, Run},
+    lock::Lock,
     lxt::{
         Transfer,
         rows::{self, Entries, ROWS},
@@ -17,7 +18,7 @@ use crate::{
     transfer::Rows,
 };
 
-/// Shards that are named in one message.
+/// Shards of which one message says what is wrong with each.
 const NAMED: usize = 20;
 
 impl Plan {
@@ -87,16 +88,38 @@ impl Plan {
     }
 
     fn unfinished(&self, flaws: &[(usize, Error)]) -> Error {
-        let folder = self.folder().display();
-        let line = |(k, error): &(usize, Error)| match (self.is_there(*k), error) {
-            (false, _) => format!("\n  shard {k} is missing: luxel farm shard {folder} {k}"),
-            (true, error) => format!("\n  shard {k} cannot be used ({error}): luxel farm shard {folder} {k}"),
+        let [again, status] = ["shard", "status"].map(|name| command(name, self.folder()));
+        let flaw = |(k, error): &(usize, Error)| match (Lock::holder(&self.lock_path(*k)), self.is_there(*k)) {
+            (Some(holder), _) => format!("\n  shard {k} is not done: wait for {holder}"),
+            (None, false) => format!("\n  shard {k} is missing: {again} {k}"),
+            (None, true) => format!("\n  shard {k} cannot be used ({error}): {again} {k}"),
         };
-        let mut text = format!("{} of {} shards are not there to be merged; run", flaws.len(), self.shards().len());
-        text.extend(flaws.iter().take(NAMED).map(line));
-        if flaws.len() > NAMED {
-            text += &format!("\n  and {} more: see luxel farm status {folder}", flaws.len() - NAMED);
+        let mut text = format!("{} of {} shards are not there to be merged:", flaws.len(), self.shards().len());
+        text.extend(flaws.iter().take(NAMED).map(flaw));
+        if let Some(others) = flaws.get(NAMED..).filter(|others| !others.is_empty()) {
+            let numbers: Vec<usize> = others.iter().map(|(k, _)| *k).collect();
+            text += &format!("\n  and {} more, {}: see {status}", others.len(), ranges(&numbers));
         }
         Error::Shards { path: self.folder().into(), flaws: text }
+    }
+}
+
+/// Numbers in rising order as schedulers write them: `3,7-9`.
+fn ranges(numbers: &[usize]) -> String {
+    let runs = numbers.chunk_by(|a, b| a + 1 == *b).map(|run| match (run[0], run[run.len() - 1]) {
+        (first, last) if first == last => first.to_string(),
+        (first, last) => format!("{first}-{last}"),
+    });
+    runs.collect::<Vec<_>>().join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_written_as_schedulers_read_them() {
+        assert_eq!(ranges(&[3]), "3");
+        assert_eq!(ranges(&[0, 1, 3, 7, 8, 9]), "0-1,3,7-9");
     }
 }

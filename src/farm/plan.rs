@@ -1,6 +1,8 @@
 //! The plan: all that the processes need to know, in one file.
 
 use std::{
+    fs,
+    io::ErrorKind,
     ops::Range,
     path::{Path, PathBuf},
     sync::OnceLock,
@@ -16,6 +18,7 @@ use crate::{
     BakeOptions, Error, Result, Scene,
     bake::{self, Kept, Outline, Outlined, ROWS_A_BLOCK, Run, Shared, Sight},
     estimate,
+    lock::Lock,
     lxt::{
         Container, Identity, Name, points,
         rows::{self, ROWS},
@@ -65,6 +68,7 @@ impl Plan {
     ///
     /// # Errors
     /// Those of [`prepare`](bake::prepare); [`Error::Option`] for no shards, or if there is a plan in the folder already;
+    /// [`Error::Busy`] if another process makes one there;
     /// [`Error::Io`] with the path.
     pub fn make(
         folder: &Path,
@@ -74,6 +78,9 @@ impl Plan {
         division: Division,
         run: &mut Run,
     ) -> Result<Plan> {
+        Plan::check_place(folder)?;
+        let _lock = Lock::folder(folder, "luxel farm plan")?;
+        // Another process may have made one before it left the lock.
         let path = Plan::check_place(folder)?;
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
@@ -122,7 +129,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Io`], [`Error::Input`]: see [`Container::open`]; also if another build made it.
     pub fn open(folder: &Path) -> Result<Plan> {
-        let path = folder.join(FILE);
+        let path = check_there(folder)?;
         let file = Container::open(&path, PLAN)?;
         let identity: Identity = file.json(IDENTITY, 0)?;
         identity.check_build(&path)?;
@@ -233,6 +240,17 @@ impl Plan {
         });
         let at = |patch: u32| again.partition_point(|&i| i < patch);
         (rows, again[at(range.start)..at(range.end)].to_vec())
+    }
+}
+
+/// Proves that there is a plan in `folder`; gives the path of its file.
+pub(super) fn check_there(folder: &Path) -> Result<PathBuf> {
+    let path = folder.join(FILE);
+    match fs::metadata(&path) {
+        Err(e) if [ErrorKind::NotFound, ErrorKind::NotADirectory].contains(&e.kind()) => {
+            Err(Error::input(path, "", "there is no plan; name the folder of one that luxel farm plan has made"))
+        }
+        _ => Ok(path),
     }
 }
 

@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, fs, io, path::PathBuf, thread, time::Duration};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Plan, plan::SIGHT};
+use super::{
+    Plan,
+    plan::{SIGHT, check_there},
+};
 use crate::{
     Error, Result,
     bake::{self, Outline, ROWS_A_BLOCK, Run},
@@ -134,6 +137,8 @@ impl Plan {
         }
         let (rays, stencils) = done?;
 
+        // Where the plan has vanished in the meantime its folder is not made anew: nobody would look for the shard there.
+        check_there(self.folder())?;
         write_file(&self.shard_path(k), SHARD, |out| {
             out.json(IDENTITY, 0, self.identity())?;
             out.json(SETTINGS, 0, &self.settings(k))?;

@@ -184,11 +184,17 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }
 
+/// The command `luxel farm NAME PLAN`, for a shell.
+pub fn command(name: &str, plan: &Path) -> String {
+    line(&["luxel", "farm", name, &plan.display().to_string()])
+}
+
 /// A command line for a shell; words are quoted where they have to be.
-fn line(words: &[String]) -> String {
+fn line(words: &[impl AsRef<str>]) -> String {
     let plain =
         |word: &str| !word.is_empty() && word.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_=/.,:%+@".contains(&b));
-    words.iter().map(|w| if plain(w) { w.clone() } else { quoted(w) }).collect::<Vec<_>>().join(" ")
+    let words = words.iter().map(AsRef::as_ref);
+    words.map(|word| if plain(word) { word.to_string() } else { quoted(word) }).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]
@@ -206,8 +212,7 @@ mod tests {
     #[test]
     fn a_quoted_word_is_that_word_to_a_shell() {
         for word in ["plain", "", "it's here", "$HOME `x` \"y\" \\ * ~", "two\nlines", "-n"] {
-            let echo =
-                Command::new("sh").args(["-c", &format!("printf %s {}", line(&[word.into()]))]).output().unwrap();
+            let echo = Command::new("sh").args(["-c", &format!("printf %s {}", line(&[word]))]).output().unwrap();
             assert_eq!(String::from_utf8(echo.stdout).unwrap(), word);
         }
     }

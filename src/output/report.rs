@@ -128,7 +128,10 @@ pub fn summary(scene: &Scene, report: &Report) -> String {
     let total: f64 = report.stages.iter().map(|s| s.seconds).sum();
     line("seconds", format!("{total:.2}: {}", stages.join(", ")));
     if report.peak_memory_bytes > 0 {
-        line("peak memory", bytes(report.peak_memory_bytes));
+        let foretold = report.foretold_memory_bytes.map_or(String::new(), |foretold| {
+            format!(", with pages of files; {} foretold, without form factors in a file", bytes(foretold))
+        });
+        line("peak memory", bytes(report.peak_memory_bytes) + &foretold);
     }
     if !report.skipped.is_empty() {
         line("skipped", format!("{:<37}{:>9}{:>12}{:>9}{:>10}", "", "patches", "rays", "seconds", "error"));

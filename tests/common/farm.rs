@@ -5,7 +5,7 @@
 pub mod command;
 
 use std::{
-    path::{Path, PathBuf},
+    path::Path,
     process::Command,
     thread,
     time::{Duration, Instant},
@@ -31,10 +31,6 @@ pub fn until(what: &str, mut done: impl FnMut() -> bool) {
         assert!(begun.elapsed() < PATIENCE, "{what} did not come");
         thread::sleep(Duration::from_millis(20));
     }
-}
-
-pub fn scene(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name)
 }
 
 /// Makes a plan of a scene; `settings` are those of a bake.
