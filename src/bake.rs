@@ -20,6 +20,7 @@ mod outline;
 mod outlook;
 mod prepared;
 mod relit;
+mod scout;
 mod sight;
 mod skipped;
 mod tracers;
@@ -120,7 +121,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
-    outlook::begin(scene, &casting, &lit, &mut kept.rows, options, run.keeper, progress)?;
+    outlook::begin(scene, &casting, &needs.plan(&lit), &mut kept.rows, options, run.keeper, progress)?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {

@@ -113,11 +113,11 @@ impl<'a> Prepared<'a> {
     ) -> Result<u64> {
         let casting = self.casting(true);
         let all = vec![true; self.simplified.patches.len()];
-        begin(&self.scene, &casting, &all, &mut kept.rows, options, keeper, progress)?;
+        // What matters to the wanted meshes does not depend on lights.
+        let plan = self.needs.plan(&all);
+        begin(&self.scene, &casting, &plan, &mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {
-            // What matters to the wanted meshes does not depend on lights.
-            Some([_, near]) => {
-                let plan = self.needs.plan(near);
+            Some(_) => {
                 let estimate = transfer::estimate_plan(&casting, &plan, &mut kept.rows, keeper, progress)?;
                 kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |i| estimate.reached[i as usize]);
                 estimate.rays
