@@ -1,13 +1,13 @@
 //! How large the rest of a bake will be.
 
-use super::scout;
+use super::{exchange::PATCH_POINTS, scout};
 use crate::{
     BakeOptions, Result, Scene,
-    forecast::RAY_BYTES,
+    forecast::{DIRECT_BYTES, RAY_BYTES},
     options::PatchSource,
-    outlook::{Outlook, Sizes},
+    outlook::{Outlook, Sizes, Voxels},
     progress::{Hushed, Progress},
-    simplify::{self, NO_PATCH, Simplified},
+    simplify::{self, NO_PATCH, Pieces, Simplified},
     transfer::{self, Casting, Plan, RowKeeper, Rows},
 };
 
@@ -25,53 +25,66 @@ const PATCH: usize = 4 + 5 * 12 + 8 + 4 + 8 + 16;
 const CORNERS: f64 = 4.0;
 const VERTICES: f64 = 0.3;
 
-/// Tells `keeper` of the rows that are to come to `rows` by `plan`.
-///
-/// # Errors
-/// Those of the keeper; [`Error::Option`](crate::Error::Option) for rows that fit no memory, if they stay there.
-pub(super) fn begin(
-    scene: &Scene,
-    casting: &Casting,
-    plan: &Plan,
-    rows: &mut Rows,
-    options: &BakeOptions,
-    keeper: &mut dyn RowKeeper,
-    progress: &dyn Progress,
-) -> Result<()> {
-    // Those are in a file that is mapped already.
-    let known = rows.blocks().iter().map(|block| block.rows.len()).sum();
-    keeper.begin(rows, &|| outlook(scene, casting, plan, known, options, progress))?;
-    if keeper.spills() { Ok(()) } else { simplify::check_rows(plan.start.len(), options.rays, RAY_BYTES) }
+/// Rows that are to be cast.
+pub(super) struct Coming<'a> {
+    pub scene: &'a Scene,
+    pub casting: &'a Casting<'a>,
+    pub plan: Plan<'a>,
+    /// Bytes that the process held before it made the patches.
+    pub before: u64,
 }
 
-/// What the bake will take from the rows on, if they are cast by `plan`; so many are `known`.
-fn outlook(
-    scene: &Scene,
-    casting: &Casting,
-    plan: &Plan,
-    known: usize,
-    options: &BakeOptions,
-    progress: &dyn Progress,
-) -> Result<Outlook> {
-    let simplified = casting.simplified;
-    let reached = scout::reached(casting, plan.start, progress)?;
-    // What no ray reaches has no row, or one without entries.
-    let cast: Vec<u32> = (0..reached.len()).filter(|&i| plan.all || reached[i]).map(|i| i as u32).collect();
-    let row_bytes = row_bytes(casting, &cast, progress)?;
-    let (corners, vertices) = if options.patches == PatchSource::Surfels {
-        mesh(scene, simplified, |patch| reached[patch])
-    } else {
-        let corners = CORNERS * simplify::expected_fragments(scene, &simplified.grid);
-        (corners as usize, (VERTICES * corners) as usize)
-    };
-    Ok(Outlook::new(&Sizes {
-        used: used(scene, simplified),
-        patches: plan.start.len(),
-        row_bytes: row_bytes * (1.0 - known as f64 / cast.len().max(1) as f64).max(0.0),
-        corners,
-        vertices,
-        estimate: options.estimate,
-    }))
+impl Coming<'_> {
+    /// Tells `keeper` of them; they come to `rows`.
+    ///
+    /// # Errors
+    /// Those of the keeper; [`Error::Option`](crate::Error::Option) for rows that fit no memory, if they stay there.
+    pub fn begin(
+        &self,
+        rows: &mut Rows,
+        options: &BakeOptions,
+        keeper: &mut dyn RowKeeper,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        // Those are in a file that is mapped already.
+        let known = rows.blocks().iter().map(|block| block.rows.len()).sum();
+        keeper.begin(rows, &|| self.outlook(known, options, progress))?;
+        if keeper.spills() { Ok(()) } else { simplify::check_rows(self.plan.start.len(), options.rays, RAY_BYTES) }
+    }
+
+    /// What the bake will take from the rows on; so many are `known`.
+    fn outlook(&self, known: usize, options: &BakeOptions, progress: &dyn Progress) -> Result<Outlook> {
+        let &Coming { scene, casting, plan, before } = self;
+        let simplified = casting.simplified;
+        let reached = scout::reached(casting, plan.start, progress)?;
+        // What no light reaches has no row, or one without entries.
+        let cast: Vec<u32> = (0..reached.len()).filter(|&i| plan.all || reached[i]).map(|i| i as u32).collect();
+        let row_bytes = row_bytes(casting, &cast, progress)?;
+        let (corners, vertices) = if options.patches == PatchSource::Surfels {
+            mesh(scene, simplified, |patch| reached[patch])
+        } else {
+            let corners = CORNERS * simplify::expected_fragments(scene, &simplified.grid);
+            (corners as usize, (VERTICES * corners) as usize)
+        };
+        let outlook = Outlook::new(&Sizes {
+            used: used(scene, simplified),
+            patches: plan.start.len(),
+            row_bytes: row_bytes * (1.0 - known as f64 / cast.len().max(1) as f64).max(0.0),
+            corners,
+            vertices,
+            estimate: options.estimate,
+        });
+        // That of the shadow rays of the patches, of which there are but so many at a time.
+        let rays = plan.start.len() as f64 * options.patch_samples as f64;
+        let down_to = (PATCH_POINTS as f64 / rays.max(1.0)).min(1.0);
+        let alike = outlook.held.saturating_sub(before + of_patches(simplified) as u64).min(DIRECT_BYTES as u64);
+        let voxels = Voxels { alike, down_to, ..voxels(scene, simplified, before) };
+        Ok(Outlook { voxels: Some(voxels), ..outlook })
+    }
+}
+
+fn voxels(scene: &Scene, simplified: &Simplified, without: u64) -> Voxels {
+    Voxels { size: simplified.grid.voxel_size, pieces: Pieces::new(scene), without, alike: 0, down_to: 1.0 }
 }
 
 /// Corners and vertices of the split mesh of the sides whose patches are `seen`, and of the fronts of the rest.
@@ -84,15 +97,16 @@ fn mesh(scene: &Scene, simplified: &Simplified, seen: impl Fn(usize) -> bool + S
     simplify::foresee(scene, fragments, |f, side| seen(f, side) || (side == 0 && !seen(f, 1)))
 }
 
-/// What the process will take if it makes the vertices of all patches, and nothing more.
-pub(super) fn of_mesh(scene: &Scene, simplified: &Simplified) -> Outlook {
+/// What the process will take if it makes the vertices of all patches, and nothing more; it held so much `before` it made
+/// the patches.
+pub(super) fn of_mesh(scene: &Scene, simplified: &Simplified, before: u64) -> Outlook {
     let (corners, vertices) = mesh(scene, simplified, |_| true);
-    Outlook::of_mesh(corners, vertices)
+    Outlook { voxels: Some(voxels(scene, simplified, before)), ..Outlook::of_mesh(corners, vertices) }
 }
 
 /// Bytes of scene, ray tracer, patches and their direct light.
 fn used(scene: &Scene, simplified: &Simplified) -> f64 {
-    let Simplified { geometry, fragments, patches, .. } = simplified;
+    let geometry = &simplified.geometry;
     let corners = &scene.corners;
     let of_scene = size_of_val(&scene.positions[..])
         + size_of_val(&scene.triangles[..])
@@ -101,9 +115,15 @@ fn used(scene: &Scene, simplified: &Simplified) -> f64 {
         + size_of_val(&corners.colours[..])
         + scene.textures.iter().map(|t| size_of_val(&t.texels[..])).sum::<usize>();
     let of_geometry = size_of_val(&geometry.positions[..]) + geometry.triangles.len() * TRACED_TRIANGLE;
+    (of_scene + of_geometry) as f64 + of_patches(simplified)
+}
+
+/// Bytes of patches and their direct light.
+fn of_patches(simplified: &Simplified) -> f64 {
+    let Simplified { fragments, patches, .. } = simplified;
     let of_fragments = size_of_val(&fragments.uv[..]) + fragments.len() * FRAGMENT;
     let of_patches = size_of_val(&patches.members[..]) + patches.len() * PATCH;
-    (of_scene + of_geometry + of_fragments + of_patches) as f64
+    (of_fragments + of_patches) as f64
 }
 
 /// What the process will take if the rows of `patches` are cast and kept, and nothing is done with them.

@@ -95,3 +95,75 @@ impl Sets {
         finds as f64 > SLIPPED * rays as f64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::{
+        options::{Backend, Resolution},
+        progress::Silent,
+        scene::SidesRule,
+        selftest::world::World,
+        simplify::{self, Grid},
+        trace,
+        transfer::{self, RowPoints},
+    };
+
+    /// A winding passage of so many bends, a room that nothing leads to, and a block in the first leg that hides a piece of its
+    /// floor. Light starts in the first leg.
+    #[test]
+    fn light_is_found_round_many_bends_and_not_in_a_sealed_room() {
+        const LEGS: usize = 12;
+        let mut world = World::new();
+        let grey = world.grey(0.5, 0.0);
+        let (width, length) = (1.0, LEGS as f64);
+        world.room(DVec3::ZERO, DVec3::new(length, 1.0, 4.0), grey);
+        world.room(DVec3::new(0.0, 2.0, 0.0), DVec3::new(length, 3.0, 4.0), grey);
+        world.block(DVec3::new(0.3, 0.0, 1.3), DVec3::new(0.7, 0.5, 1.7), grey);
+        for wall in 1..LEGS {
+            let x = wall as f64 * width;
+            let low = if wall % 2 == 0 { 0.5 } else { 0.0 };
+            world.block(DVec3::new(x - 0.05, 0.0, low), DVec3::new(x + 0.05, 1.0, low + 3.5), grey);
+        }
+        let scene = world.builder.build(SidesRule::One).unwrap();
+        let grid = Grid::new(&scene, Resolution::Grid(48)).unwrap();
+        let tracer = trace::build(Backend::Auto, &scene.geometry()).unwrap();
+        let simplified = simplify::surfels(&scene, grid, &*tracer);
+        let centroid = |i: usize| scene.frame.to_world(simplified.patches.centroid[i]);
+        let n = simplified.patches.len();
+        let lit: Vec<bool> = (0..n).map(|i| centroid(i).x < 0.9 && centroid(i).y < 1.5).collect();
+        let points = RowPoints::new(256, 3, &*tracer);
+        let casting = Casting::new(&simplified, &*tracer, &[], &points);
+
+        let found = reached(&casting, &lit, &Silent).unwrap();
+        let bake = transfer::estimate(&simplified, &*tracer, &lit, false, 256, 3, &Silent).unwrap();
+        let truth: Vec<bool> = (0..n).map(|i| bake.reached[i] && bake.visible[i]).collect();
+        // Round all bends, and not into the sealed room.
+        let count = |which: &dyn Fn(usize) -> bool| (0..n).filter(|&i| which(i)).count();
+        let end = |i: usize| centroid(i).x > length - 0.9 && centroid(i).y < 1.5;
+        assert!(count(&|i| found[i] && end(i)) > 20, "{} at the end", count(&|i| found[i] && end(i)));
+        assert_eq!(count(&|i| found[i] && centroid(i).y > 1.5), 0);
+        // Patches whose view of others is next to nothing are of either kind, by chance: they lie at edges that touch.
+        let other = count(&|i| found[i] != truth[i]);
+        assert!(other * 50 < count(&|i| truth[i]), "{other} of {} reached of {n}", count(&|i| truth[i]));
+    }
+
+    #[test]
+    fn a_ray_in_a_million_slips_through_and_lets_no_light_in() {
+        let mut sets = Sets::new(6);
+        for (a, b) in [(4, 2), (2, 3), (5, 1)] {
+            sets.join(a, b);
+        }
+        (2..5).for_each(|i| sets.add_rays(i, 1_000_000));
+        sets.add_finds(3, 3);
+        sets.add_rays(1, 16);
+        sets.add_finds(5, 1);
+        let lit: Vec<bool> = (0..6).map(|i| sets.is_lit(i)).collect();
+        assert_eq!(lit, [false, true, false, false, false, true]);
+        // Joined later, they are one.
+        sets.join(0, 5);
+        assert!(sets.is_lit(0) && sets.is_lit(1));
+    }
+}
