@@ -146,10 +146,10 @@ pub(crate) fn check_limit(scene: &Scene, options: &BakeOptions, grid: &Grid, lim
     let remedy = pieces.coarser(grid.voxel_size, |count| most(count) <= SUGGESTED * limit.bytes as f64);
     let remedy = remedy.map_or(String::new(), |remedy| format!("{remedy}, or "));
     Err(Error::Option(format!(
-        "voxel size {:.3e}: about {count:.2e} pieces of surface would take {:.0} MB of memory at least, and --memory-limit \
-         allows {:.0} MB; {remedy}allow more",
-        grid.voxel_size * scene.frame.scale,
+        "the bake would take {:.0} MB of memory at least, for about {count:.2e} pieces of surface with voxel size {:.3e}, and \
+         --memory-limit allows {:.0} MB; {remedy}allow more",
         least * 1e-6,
+        grid.voxel_size * scene.frame.scale,
         limit.bytes as f64 * 1e-6
     )))
 }

@@ -68,7 +68,10 @@ impl<'a> Prepared<'a> {
         let only = Wanted::new(scene, &options.only)?;
         let (scene, plain) = if options.skip { skip::plain(scene) } else { (Cow::Borrowed(scene), Vec::new()) };
         let grid = Grid::new(&scene, options.resolution)?;
-        limit.map_or(Ok(()), |limit| forecast::check_limit(&scene, options, &grid, limit))?;
+        // Patches that are kept are in the memory already.
+        if let Some(limit) = limit.filter(|_| kept.simplified.is_none()) {
+            forecast::check_limit(&scene, options, &grid, limit)?;
+        }
         simplify::check_size(&scene, &grid, forecast::FRAGMENT_BYTES)?;
         let geometry = scene.geometry();
         let tracer = trace::build(options.backend, &geometry)?;
