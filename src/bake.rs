@@ -20,6 +20,7 @@ mod outline;
 mod outlook;
 mod prepared;
 mod relit;
+mod scout;
 mod sight;
 mod skipped;
 mod tracers;
@@ -36,6 +37,7 @@ pub use sight::Sight;
 
 use exchange::Exchange;
 use measure::{Clock, Work};
+use outlook::Coming;
 use prepared::Prepared;
 use skipped::Found;
 
@@ -68,7 +70,7 @@ pub fn bake_with(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mu
         return Err(Error::Scene(scene.no_light_message()));
     }
     let mut clock = Clock::new(run.deadline, run.progress);
-    let prepared = Prepared::new(scene, options, kept, &mut clock)?;
+    let prepared = Prepared::new(scene, options, kept, run.keeper.limit(), &mut clock)?;
     light(prepared, options, kept, run, clock)
 }
 
@@ -81,7 +83,7 @@ pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
     check(scene, options)?;
     kept.marked = true;
     let mut clock = Clock::new(run.deadline, run.progress);
-    let prepared = Prepared::new(scene, options, kept, &mut clock)?;
+    let prepared = Prepared::new(scene, options, kept, run.keeper.limit(), &mut clock)?;
     let rays = prepared.cast(options, kept, run.keeper, run.progress)?;
     kept.stencils = Some(prepared.stencils(options, &kept.rows));
     kept.simplified = Some(prepared.simplified);
@@ -91,7 +93,7 @@ pub fn prepare(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
 /// Lights a prepared scene.
 fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut Run, mut clock: Clock) -> Result<Bake> {
     let progress = run.progress;
-    let Prepared { scene, plain, only, tracers, points, mut foresight, simplified, index, needs } = prepared;
+    let Prepared { scene, plain, only, tracers, points, mut foresight, simplified, index, needs, before } = prepared;
     let (scene, only) = (&*scene, only.as_ref());
     let lights = LightSet::new(scene);
     let inside = |hit: &Hit| hit.is_back() && !scene.triangles[hit.triangle()].two_sided;
@@ -120,7 +122,8 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
-    outlook::begin(scene, &casting, &lit, &mut kept.rows, options, run.keeper, progress)?;
+    let coming = Coming { scene, casting: &casting, plan: needs.plan(&lit), before };
+    coming.begin(&mut kept.rows, options, run.keeper, progress)?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let blocks_before = kept.rows.blocks().len();
     let (estimate, primary, bright) = loop {

@@ -3,10 +3,11 @@
 use serde::Serialize;
 
 use crate::{
-    BakeOptions, Result, Scene,
+    BakeOptions, Error, Result, Scene,
     options::PatchSource,
-    outlook::{Outlook, Sizes},
-    simplify::{self, Grid},
+    outlook::{Limit, Outlook, SUGGESTED, Sizes},
+    output::report::memory_bytes,
+    simplify::{self, Grid, Pieces},
     trace,
 };
 
@@ -74,9 +75,11 @@ const SIMPLIFIED_PATCH: f64 = 250.0;
 const CORNERS: f64 = 5.0;
 const VERTICES: f64 = 1.8;
 /// What the direct light of the patches takes on its way.
-const DIRECT_BYTES: f64 = 20e6;
+pub(crate) const DIRECT_BYTES: f64 = 20e6;
 /// Bytes a ray of a row: 0.7 entries of 2.1 bytes; five scenes have 0.25 to 0.77 entries.
 pub(crate) const RAY_BYTES: f64 = 0.7 * 2.1;
+/// Patches a fragment at most, about: one a side.
+const SIDES: f64 = 2.0;
 /// Pixels of the pictures by default.
 const PIXELS: u64 = 640 * 480;
 
@@ -93,18 +96,7 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
         patches = simplify::simplify(scene, grid, options, &*tracer)?.patches.len();
     }
     let rays = patches as u64 * options.rays as u64;
-    let row_bytes = options.rays as f64 * RAY_BYTES;
-    let sizes = Sizes {
-        used: 0.0,
-        patches,
-        row_bytes: patches as f64 * row_bytes,
-        corners: (fragments as f64 * CORNERS) as usize,
-        vertices: (fragments as f64 * VERTICES) as usize,
-        estimate: options.estimate,
-    };
-    let simplified = scene.triangles.len() as f64 * TRIANGLE_BYTES
-        + fragments as f64 * SIMPLIFIED_FRAGMENT
-        + patches as f64 * SIMPLIFIED_PATCH;
+    let outlook = outlook(scene, options, fragments as f64, patches as f64);
     let largest_mesh = by_mesh
         .iter()
         .enumerate()
@@ -116,11 +108,50 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
         fragments,
         patches,
         rays,
-        form_factor_bytes: (patches as f64 * row_bytes) as u64,
-        memory_bytes: Outlook::new(&sizes).after(simplified + DIRECT_BYTES).most(PIXELS, false),
+        form_factor_bytes: outlook.rows,
+        memory_bytes: outlook.most(PIXELS, false),
         seconds: seconds(scene, fragments, rays),
         largest_mesh,
     })
+}
+
+/// What a bake of so many fragments and patches will take.
+fn outlook(scene: &Scene, options: &BakeOptions, fragments: f64, patches: f64) -> Outlook {
+    let sizes = Sizes {
+        used: 0.0,
+        patches: patches as usize,
+        row_bytes: patches * options.rays as f64 * RAY_BYTES,
+        corners: (fragments * CORNERS) as usize,
+        vertices: (fragments * VERTICES) as usize,
+        estimate: options.estimate,
+    };
+    let simplified =
+        scene.triangles.len() as f64 * TRIANGLE_BYTES + fragments * SIMPLIFIED_FRAGMENT + patches * SIMPLIFIED_PATCH;
+    Outlook::new(&sizes).after(simplified + DIRECT_BYTES)
+}
+
+/// Refuses to cut `scene` by `grid` into so many fragments that they alone exceed `limit`: a bake that comes closer
+/// is weighed when its patches are known.
+///
+/// # Errors
+/// [`Error::Option`] with the numbers and the remedy.
+pub(crate) fn check_limit(scene: &Scene, options: &BakeOptions, grid: &Grid, limit: Limit) -> Result<()> {
+    let pieces = Pieces::new(scene);
+    let count = pieces.at(grid.voxel_size);
+    let least = memory_bytes() as f64 + count * SIMPLIFIED_FRAGMENT;
+    if least <= limit.bytes as f64 {
+        return Ok(());
+    }
+    let most = |count: f64| outlook(scene, options, count, SIDES * count).most(limit.pixels, true) as f64;
+    let remedy = pieces.coarser(grid.voxel_size, |count| most(count) <= SUGGESTED * limit.bytes as f64);
+    let remedy = remedy.map_or(String::new(), |remedy| format!("{remedy}, or "));
+    Err(Error::Option(format!(
+        "the bake would take {:.0} MB of memory at least, for about {count:.2e} pieces of surface with voxel size {:.3e}, and \
+         --memory-limit allows {:.0} MB; {remedy}allow more",
+        least * 1e-6,
+        grid.voxel_size * scene.frame.scale,
+        limit.bytes as f64 * 1e-6
+    )))
 }
 
 /// Rays take longer the deeper the tree; fragments pay for clipping, vertices, shadow and visibility rays.

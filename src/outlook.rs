@@ -8,11 +8,12 @@
 
 use crate::{
     output::report::{mapped_bytes, memory_bytes, peak_memory_bytes},
+    simplify::Pieces,
     solve::UNPACKED_PATCH,
 };
 
 /// Memory of a bake, bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outlook {
     /// What the process holds now; 0 where the system does not tell.
     pub held: u64,
@@ -34,7 +35,36 @@ pub struct Outlook {
     pub lasting: u64,
     /// What was freed before and will be used again, about.
     pub reused: u64,
+    /// What of all that depends on the voxels; `None` if other voxels are no choice.
+    pub voxels: Option<Voxels>,
 }
+
+/// What the memory of a bake owes to its voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Voxels {
+    /// Their size, local units.
+    pub size: f64,
+    /// Pieces of surface with voxels of any size.
+    pub pieces: Pieces,
+    /// Bytes that it takes with any.
+    pub without: u64,
+    /// Bytes that coarser voxels take too, down to this share of the pieces; below it they take less in proportion.
+    pub alike: u64,
+    /// See there.
+    pub down_to: f64,
+}
+
+/// What a process may take, bytes, if pictures of so many pixels are made at last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limit {
+    /// Bytes at most.
+    pub bytes: u64,
+    /// Pixels.
+    pub pixels: u64,
+}
+
+/// Share of a limit that what is suggested may take: what is foretold is within a tenth of what it will be.
+pub(crate) const SUGGESTED: f64 = 0.9;
 
 /// What an outlook is made from.
 #[derive(Clone, Copy, Debug)]
@@ -114,6 +144,7 @@ impl Outlook {
             later: (later + heaps) as u64,
             lasting: lasting as u64,
             reused: reused as u64,
+            voxels: None,
         }
     }
 
@@ -135,9 +166,30 @@ impl Outlook {
         Outlook { held, peak: self.peak.max(held), reused: (LEFT + LEFT_SHARE * held as f64) as u64, ..self }
     }
 
+    /// What to choose so that the memory keeps within `limit`, with the rows on the disk; `None` if no voxels are large enough,
+    /// or it is not up to them.
+    pub fn remedy(&self, limit: Limit) -> Option<String> {
+        let Voxels { size, pieces, without, alike, down_to } = self.voxels?;
+        let now = pieces.at(size);
+        let fits = |[most, of_pictures]: [u64; 2], count: f64| {
+            let without = without + of_pictures;
+            let rest = most.saturating_sub(without + alike) as f64;
+            let share = count / now;
+            let most = without as f64 + alike as f64 * (share / down_to).min(1.0) + rest * share;
+            most <= SUGGESTED * limit.bytes as f64
+        };
+        let parts = self.parts(limit.pixels, true);
+        pieces.coarser(size, |count| parts.into_iter().all(|part| fits(part, count)))
+    }
+
     /// The largest memory of the process, if pictures of so many pixels are made at last; without the rows if they are
     /// `spilled`.
     pub fn most(&self, pixels: u64, spilled: bool) -> u64 {
+        self.parts(pixels, spilled).map(|[most, _]| most).into_iter().fold(0, u64::max)
+    }
+
+    /// The largest memory before pictures and with them, each with what of it is for pictures.
+    fn parts(&self, pixels: u64, spilled: bool) -> [[u64; 2]; 2] {
         let (rows, unpacked) = if spilled { (0, 0) } else { (self.rows, self.unpacked) };
         let needed = rows + unpacked + self.solved;
         let solving = self.held + needed.saturating_sub(self.reused).max(needed / FRESH);
@@ -145,7 +197,8 @@ impl Outlook {
         let meshing = self.corners + self.rest.saturating_sub(again);
         let largest = solving + meshing.max(self.later.saturating_sub(again));
         let done = self.held + (rows + self.lasting).saturating_sub(self.reused);
-        self.peak.max(largest).max(done + (pixels as f64 * PIXEL) as u64)
+        let of_pictures = (pixels as f64 * PIXEL) as u64;
+        [[self.peak.max(largest), 0], [done + of_pictures, of_pictures]]
     }
 }
 
@@ -167,6 +220,7 @@ mod tests {
             later: 30 * mb,
             lasting: 10 * mb,
             reused: 20 * mb,
+            voxels: None,
         };
         // 80 MB less 20 that are there, the corners, and 30 less half of what was unpacked.
         assert_eq!(outlook.most(0, false), 200 * mb);

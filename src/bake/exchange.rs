@@ -60,7 +60,7 @@ pub(super) struct Secondary {
 }
 
 /// Points on patches that are made at once, to bound their memory.
-const PATCH_POINTS: usize = 1 << 19;
+pub(super) const PATCH_POINTS: usize = 1 << 19;
 /// Shadow rays whose power balance is off by more than this share are not used: rows are noisier, but balanced.
 const MOST_GAIN: f64 = 0.02;
 /// Share of the bright patches' power that may be lost on patches without rows.

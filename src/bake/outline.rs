@@ -57,7 +57,7 @@ pub fn outline(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
     check(scene, options)?;
     kept.marked = true;
     let mut clock = Clock::new(run.deadline, run.progress);
-    let prepared = Prepared::new(scene, options, kept, &mut clock)?;
+    let prepared = Prepared::new(scene, options, kept, run.keeper.limit(), &mut clock)?;
     let needs = &prepared.needs;
     let casting = prepared.casting(true);
     let (mut few, mut spared, mut shared) = (Vec::new(), Vec::new(), None);
@@ -68,7 +68,8 @@ pub fn outline(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
         few = transfer::first_wave(&casting, &plan, &mut kept.rows, run.keeper, run.progress)?;
         spared = near.iter().zip(plan.black).map(|(near, black)| near | black).collect();
     } else if options.patches == PatchSource::Surfels && options.only.is_empty() {
-        run.keeper.begin(&mut kept.rows, &|| Ok(outlook::of_mesh(&prepared.scene, &prepared.simplified)))?;
+        run.keeper
+            .begin(&mut kept.rows, &|| Ok(outlook::of_mesh(&prepared.scene, &prepared.simplified, prepared.before)))?;
         let known = transfer::foresee_visible(&casting);
         clock.stop("visible patches")?;
         let points = prepared.points_of_vertices(options, &known);

@@ -2,10 +2,12 @@
 
 use std::borrow::Cow;
 
-use super::{Sight, measure::Clock, needs::Needs, outlook::begin, tracers::Tracers, vertices};
+use super::{Sight, measure::Clock, needs::Needs, outlook::Coming, tracers::Tracers, vertices};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
+    outlook::Limit,
+    output::report::memory_bytes,
     progress::Progress,
     reconstruct::{PatchIndex, Stencils},
     scene::SurfacePoint,
@@ -50,19 +52,33 @@ pub(super) struct Prepared<'a> {
     pub simplified: Simplified,
     pub index: PatchIndex,
     pub needs: Needs,
+    /// Bytes that the process held before it made the patches.
+    pub before: u64,
 }
 
 impl<'a> Prepared<'a> {
-    pub fn new(scene: &'a Scene, options: &BakeOptions, kept: &mut Kept, clock: &mut Clock) -> Result<Prepared<'a>> {
+    /// Of `scene`, if that takes no more memory than `limit`.
+    pub fn new(
+        scene: &'a Scene,
+        options: &BakeOptions,
+        kept: &mut Kept,
+        limit: Option<Limit>,
+        clock: &mut Clock,
+    ) -> Result<Prepared<'a>> {
         let only = Wanted::new(scene, &options.only)?;
         let (scene, plain) = if options.skip { skip::plain(scene) } else { (Cow::Borrowed(scene), Vec::new()) };
         let grid = Grid::new(&scene, options.resolution)?;
+        // Patches that are kept are in the memory already.
+        if let Some(limit) = limit.filter(|_| kept.simplified.is_none()) {
+            forecast::check_limit(&scene, options, &grid, limit)?;
+        }
         simplify::check_size(&scene, &grid, forecast::FRAGMENT_BYTES)?;
         let geometry = scene.geometry();
         let tracer = trace::build(options.backend, &geometry)?;
         let foresight = Foresight::new(options.skip, &geometry);
         clock.stop("build")?;
 
+        let before = memory_bytes();
         let simplified = match kept.simplified.take() {
             Some(simplified) => simplify::coloured(simplified, &scene, options, &*tracer)?,
             None => simplify::simplify(&scene, grid, options, &*tracer)?,
@@ -79,7 +95,7 @@ impl<'a> Prepared<'a> {
         let index = PatchIndex::new(&simplified.patches, grid);
         let needs = Needs::new(&scene, &simplified, &index, options, only.as_ref(), &foresight);
         clock.stop("simplify")?;
-        Ok(Prepared { scene, plain, only, tracers, points, foresight, simplified, index, needs })
+        Ok(Prepared { scene, plain, only, tracers, points, foresight, simplified, index, needs, before })
     }
 
     /// Which patches the vertices of all visible surfaces take their light from.
@@ -113,11 +129,12 @@ impl<'a> Prepared<'a> {
     ) -> Result<u64> {
         let casting = self.casting(true);
         let all = vec![true; self.simplified.patches.len()];
-        begin(&self.scene, &casting, &all, &mut kept.rows, options, keeper, progress)?;
+        // What matters to the wanted meshes does not depend on lights.
+        let plan = self.needs.plan(&all);
+        let coming = Coming { scene: &self.scene, casting: &casting, plan, before: self.before };
+        coming.begin(&mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {
-            // What matters to the wanted meshes does not depend on lights.
-            Some([_, near]) => {
-                let plan = self.needs.plan(near);
+            Some(_) => {
                 let estimate = transfer::estimate_plan(&casting, &plan, &mut kept.rows, keeper, progress)?;
                 kept.rows = kept.rows.in_order(ROWS_A_BLOCK, |i| estimate.reached[i as usize]);
                 estimate.rays

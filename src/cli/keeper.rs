@@ -10,7 +10,7 @@ use luxel::{
     BakeOptions, Error, Result, Scene,
     bake::Bake,
     lxt::Checkpoint,
-    outlook::Outlook,
+    outlook::{Limit, Outlook},
     transfer::{Block, RowKeeper, Rows, Spill},
 };
 
@@ -65,6 +65,9 @@ pub struct Wording {
 pub const WHOLE: Wording = Wording { work: "the bake", remedy: "choose a larger --voxel (a smaller --grid)" };
 /// Of a part of it.
 pub const SHARD: Wording = Wording { work: "the shard", remedy: "make a plan of more shards" };
+
+/// What is asked for as a multiple of what is foretold: that is within a tenth of what it will be.
+const ALLOWED: f64 = 1.1;
 
 /// Whether form factors are written down while they are cast.
 #[derive(clap::Args, Debug)]
@@ -155,7 +158,8 @@ impl Keeper {
     }
 
     fn weigh(&mut self, limit: u64, outlook: &Outlook) -> Result<()> {
-        let (whole, spilled) = (outlook.most(self.pixels, false), outlook.most(self.pixels, true));
+        let whole = outlook.most(self.pixels, false);
+        let spilled = outlook.most(self.pixels, true).min(whole);
         self.foretold = Some(if whole <= limit { whole } else { spilled });
         if whole <= limit {
             self.spill = None;
@@ -164,13 +168,19 @@ impl Keeper {
         let mb = |bytes: u64| bytes as f64 * 1e-6;
         let Wording { work, remedy } = self.wording;
         if spilled > limit {
+            let remedy = match outlook.voxels {
+                None => Some(remedy.into()),
+                Some(_) => outlook.remedy(Limit { bytes: limit, pixels: self.pixels }),
+            };
+            let remedy = remedy.map_or(String::new(), |remedy| format!("{remedy}, or "));
             return Err(Error::Option(format!(
                 "{work} would take {:.0} MB of memory, {:.0} MB with its form factors ({:.0} MB) on the disk, and \
-                 --memory-limit allows {:.0} MB; {remedy}, or allow more",
+                 --memory-limit allows {:.0} MB; {remedy}allow {:.0} MB",
                 mb(whole),
                 mb(spilled),
                 mb(outlook.rows),
-                mb(limit)
+                mb(limit),
+                (mb(spilled) * ALLOWED).ceil()
             )));
         }
         let room = fs4::available_space(&self.folder).map_err(|e| Error::io(&self.folder, e))?;
@@ -206,6 +216,10 @@ impl RowKeeper for Keeper {
             Some(limit) => self.weigh(limit, &outlook()?),
             None => Ok(()),
         }
+    }
+
+    fn limit(&self) -> Option<Limit> {
+        self.limit.map(|bytes| Limit { bytes, pixels: self.pixels })
     }
 
     fn spills(&self) -> bool {

@@ -30,7 +30,7 @@ impl Grid {
     /// [`Error::Option`] when the voxels are too large, too small or not finite.
     pub fn new(scene: &Scene, resolution: Resolution) -> Result<Grid> {
         let (min, max) = bounds(scene);
-        let side = (max - min).max_element();
+        let side = longest(min, max);
         let voxel_size = match resolution {
             Resolution::Grid(n) => side / n as f64,
             Resolution::Voxel(h) => h / scene.frame.scale,
@@ -73,6 +73,16 @@ impl Grid {
     pub fn centre(&self, voxel: [u32; 3]) -> DVec3 {
         self.origin + self.voxel_size * (DVec3::from(voxel.map(f64::from)) + 0.5)
     }
+}
+
+/// The longest side of the scene, local units.
+pub(super) fn side(scene: &Scene) -> f64 {
+    let (min, max) = bounds(scene);
+    longest(min, max)
+}
+
+fn longest(min: DVec3, max: DVec3) -> f64 {
+    (max - min).max_element()
 }
 
 fn bounds(scene: &Scene) -> (DVec3, DVec3) {

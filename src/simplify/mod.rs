@@ -30,7 +30,7 @@ pub(crate) use mesh::foresee;
 pub use mesh::{SplitMesh, split_mesh};
 pub use patches::Patches;
 pub use proxy::proxy;
-pub use size::{check_rows, check_size, expected_fragments};
+pub use size::{Pieces, check_rows, check_size, expected_fragments};
 pub(crate) use surfels::{UNLIKE, colour};
 pub use surfels::{count, surfels};
 pub use triangles::patch_mesh;

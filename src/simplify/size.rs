@@ -2,30 +2,69 @@
 
 use rayon::prelude::*;
 
-use super::Grid;
+use super::grid::{self, Grid, MAX_DIM};
 use crate::{Error, Result, Scene};
 
 /// Most fragments: their corners on both sides, some nine in all, are numbered by 32 bits.
 const MOST_FRAGMENTS: f64 = (1u32 << 28) as f64;
 
-/// The number of fragments to expect when `scene` is cut by `grid`.
+/// How many fragments a scene is cut into by voxels of any size.
 ///
 /// Steiner's formula for boxes: a convex body meets, in the mean over all places of the grid, as many unit cells as
 /// the volume of its Minkowski sum with a unit cube says. For a triangle that is 1 + its widths along the axes + the
 /// areas of its projections along the axes, in voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pieces {
+    triangles: f64,
+    widths: f64,
+    areas: f64,
+    /// The scene's longest side.
+    side: f64,
+    /// World units of a local one.
+    scale: f64,
+}
+
+impl Pieces {
+    /// Of `scene`.
+    pub fn new(scene: &Scene) -> Pieces {
+        let of_triangle = |t: usize| {
+            let [a, b, c] = scene.corners_of(t).map(|p| p.as_dvec3());
+            let widths = a.max(b).max(c) - a.min(b).min(c);
+            [widths.element_sum(), 0.5 * (b - a).cross(c - a).abs().element_sum()]
+        };
+        let add = |a: [f64; 2], b: [f64; 2]| [a[0] + b[0], a[1] + b[1]];
+        let all: Vec<usize> = (0..scene.triangles.len()).collect();
+        let chunks: Vec<[f64; 2]> =
+            all.par_chunks(4096).map(|chunk| chunk.iter().map(|&t| of_triangle(t)).fold([0.0; 2], add)).collect();
+        let [widths, areas] = chunks.into_iter().fold([0.0; 2], add);
+        let triangles = scene.triangles.len() as f64;
+        Pieces { triangles, widths, areas, side: grid::side(scene), scale: scene.frame.scale }
+    }
+
+    /// How many to expect with voxels of this size, local units.
+    pub fn at(&self, voxel_size: f64) -> f64 {
+        self.triangles + self.widths / voxel_size + self.areas / (voxel_size * voxel_size)
+    }
+
+    /// The remedy: the finest grid that is coarser than voxels of this size and whose number of pieces `fits`; `None` if
+    /// no grid does.
+    pub fn coarser(&self, voxel_size: f64, fits: impl Fn(f64) -> bool) -> Option<String> {
+        let finest = ((self.side / voxel_size).ceil() as u32).saturating_sub(1).min(MAX_DIM);
+        let size = |n: u32| self.side / n as f64;
+        let n = (LEAST_GRID..=finest).rev().find(|&n| fits(self.at(size(n))))?;
+        // Four digits, not rounded down.
+        let h = size(n) * self.scale;
+        let digits = 10_f64.powi(3 - h.log10().floor() as i32);
+        Some(format!("choose --grid {n} or --voxel {}", ((h * digits).ceil() / digits) as f32))
+    }
+}
+
+/// Voxels on the longest side at least.
+const LEAST_GRID: u32 = 2;
+
+/// The number of fragments to expect when `scene` is cut by `grid`: see [`Pieces`].
 pub fn expected_fragments(scene: &Scene, grid: &Grid) -> f64 {
-    let of_triangle = |t: usize| {
-        let [a, b, c] = scene.corners_of(t).map(|p| p.as_dvec3() / grid.voxel_size);
-        let widths = a.max(b).max(c) - a.min(b).min(c);
-        let projections = 0.5 * (b - a).cross(c - a).abs();
-        1.0 + widths.element_sum() + projections.element_sum()
-    };
-    let chunks: Vec<f64> = (0..scene.triangles.len())
-        .collect::<Vec<_>>()
-        .par_chunks(4096)
-        .map(|chunk| chunk.iter().map(|&t| of_triangle(t)).sum())
-        .collect();
-    chunks.iter().sum()
+    Pieces::new(scene).at(grid.voxel_size)
 }
 
 /// Refuses to cut `scene` by `grid` into more fragments than can be numbered, or held by the memory that is free if
@@ -36,16 +75,13 @@ pub fn expected_fragments(scene: &Scene, grid: &Grid) -> f64 {
 pub fn check_size(scene: &Scene, grid: &Grid, bytes_per_fragment: f64) -> Result<()> {
     let memory = available_memory().unwrap_or(f64::INFINITY);
     let most = MOST_FRAGMENTS.min(memory / bytes_per_fragment);
-    let count = expected_fragments(scene, grid);
+    let pieces = Pieces::new(scene);
+    let count = pieces.at(grid.voxel_size);
     if count <= most {
         return Ok(());
     }
-    let side = grid.voxel_size * grid.dims.into_iter().max().unwrap_or(1) as f64;
-    let coarser = |k: i32| Grid { voxel_size: grid.voxel_size * 1.1_f64.powi(k), ..*grid };
-    let fits = (1..).map(coarser).take_while(|g| g.voxel_size < side).find(|g| expected_fragments(scene, g) <= most);
-    let remedy = fits.map_or("the scene has too many triangles for it at any voxel size".into(), |g| {
-        format!("choose --grid {:.0} or --voxel {:.4}", (side / g.voxel_size).floor(), g.voxel_size * scene.frame.scale)
-    });
+    let remedy = pieces.coarser(grid.voxel_size, |count| count <= most);
+    let remedy = remedy.unwrap_or("the scene has too many triangles for it at any voxel size".into());
     let limit = if most < MOST_FRAGMENTS {
         format!(
             "would take {:.1} GB of memory, and {:.1} GB are free",
@@ -109,7 +145,29 @@ fn available_memory() -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
+    use crate::{options::Resolution, scene};
+
+    #[test]
+    fn the_grid_that_is_suggested_fits_and_the_next_finer_one_does_not() {
+        let scene = scene::load(Path::new("scenes/cornell.toml"), &Default::default()).unwrap().0;
+        let pieces = Pieces::new(&scene);
+        let at = |resolution| expected_fragments(&scene, &Grid::new(&scene, resolution).unwrap());
+        let fine = Grid::new(&scene, Resolution::Grid(500)).unwrap();
+        for most in [1e3, 1e4, 1e5] {
+            let remedy = pieces.coarser(fine.voxel_size, |count| count <= most).expect("some grid fits");
+            let words: Vec<&str> = remedy.split(' ').collect();
+            let ["choose", "--grid", n, "or", "--voxel", h] = words[..] else { panic!("{remedy}") };
+            let (n, h): (u32, f64) = (n.parse().unwrap(), h.parse().unwrap());
+            assert!(at(Resolution::Grid(n)) <= most && at(Resolution::Voxel(h)) <= most, "{remedy}, at most {most}");
+            assert!(at(Resolution::Grid(n + 1)) > most, "{remedy}, at most {most}");
+        }
+        assert_eq!(pieces.coarser(fine.voxel_size, |count| count <= pieces.triangles), None);
+        // Nothing finer is a remedy.
+        assert!(pieces.coarser(fine.voxel_size, |_| true).unwrap().starts_with("choose --grid 499 "));
+    }
 
     #[test]
     fn rows_that_fit_no_machine_are_refused_with_the_numbers() {

@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::block::{Block, BlockWriter, RowRef, View};
-use crate::outlook::Outlook;
+use crate::outlook::{Limit, Outlook};
 
 /// Rows that have been cast, by patch.
 #[derive(Clone, Debug, Default)]
@@ -135,6 +135,11 @@ pub trait RowKeeper {
     /// The work shall not be done.
     fn begin(&mut self, _rows: &mut Rows, _outlook: &dyn Fn() -> crate::Result<Outlook>) -> crate::Result<()> {
         Ok(())
+    }
+
+    /// How much memory the process may take, if that is limited.
+    fn limit(&self) -> Option<Limit> {
+        None
     }
 
     /// Whether rows leave the memory: then it need not hold all of them.
