@@ -122,7 +122,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
-    let coming = Coming { scene, casting: &casting, plan: needs.plan(&lit), before };
+    let coming = Coming { scene, casting: &casting, plan: needs.plan(&lit), again: None, before };
     coming.begin(&mut kept.rows, options, run.keeper, progress)?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let blocks_before = kept.rows.blocks().len();

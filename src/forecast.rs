@@ -121,6 +121,7 @@ fn outlook(scene: &Scene, options: &BakeOptions, fragments: f64, patches: f64) -
         used: 0.0,
         patches: patches as usize,
         row_bytes: patches * options.rays as f64 * RAY_BYTES,
+        cast_bytes: patches * options.rays as f64 * RAY_BYTES,
         corners: (fragments * CORNERS) as usize,
         vertices: (fragments * VERTICES) as usize,
         estimate: options.estimate,

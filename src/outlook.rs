@@ -72,8 +72,9 @@ pub(crate) struct Sizes {
     /// Bytes of what is there by now and stays.
     pub used: f64,
     pub patches: usize,
-    /// Bytes of all rows together.
+    /// Bytes of all rows together, and of those that are not there yet.
     pub row_bytes: f64,
+    pub cast_bytes: f64,
     /// Corners and vertices of the split mesh.
     pub corners: usize,
     pub vertices: usize,
@@ -115,12 +116,15 @@ const HEAP: f64 = 2.4e6;
 /// did as a share.
 const LEFT: f64 = 16e6;
 const LEFT_SHARE: f64 = 0.1;
+/// Bytes a vertex of what it takes its light from: place and normal (24), end (4), some eight patches with weights (8 each), and
+/// half of that again while it is found.
+const STENCIL: f64 = 24.0 + 4.0 + 8.0 * 8.0 + 48.0;
 /// Bytes a pixel while pictures are written.
 const PIXEL: f64 = 250.0;
 
 impl Outlook {
     pub(crate) fn new(sizes: &Sizes) -> Outlook {
-        let Sizes { used, patches, row_bytes, corners, vertices, estimate } = *sizes;
+        let Sizes { used, patches, row_bytes, cast_bytes, corners, vertices, estimate } = *sizes;
         let (held, peak) = (memory_bytes(), peak_memory_bytes());
         let solved = patches as f64 * SOLVED_PATCH;
         let (corners, vertices) = (corners as f64, vertices as f64);
@@ -136,7 +140,7 @@ impl Outlook {
         Outlook {
             held,
             peak,
-            rows: row_bytes as u64,
+            rows: cast_bytes as u64,
             unpacked: unpacked as u64,
             solved: solved as u64,
             rest: (corners * CORNER_OF_VERTEX + vertices * SUMMED_VERTEX + heaps) as u64,
@@ -146,6 +150,12 @@ impl Outlook {
             reused: reused as u64,
             voxels: None,
         }
+    }
+
+    /// Of a process that makes rows and what vertices take their light from, but no light.
+    pub(crate) fn of_transfer(sizes: &Sizes) -> Outlook {
+        let stencils = sizes.vertices as f64 * STENCIL;
+        Outlook { unpacked: 0, solved: 0, later: stencils as u64, lasting: 0, ..Outlook::new(sizes) }
     }
 
     /// Of a process that holds rows and does nothing with them.
@@ -237,15 +247,27 @@ mod tests {
 
     #[test]
     fn an_outlook_grows_with_everything_it_counts() {
-        let sizes = Sizes { used: 1e12, patches: 1000, row_bytes: 1e6, corners: 3000, vertices: 1000, estimate: false };
+        let sizes = Sizes {
+            used: 1e12,
+            patches: 1000,
+            row_bytes: 1e6,
+            cast_bytes: 1e6,
+            corners: 3000,
+            vertices: 1000,
+            estimate: false,
+        };
         let most = |sizes: Sizes| {
             let outlook = Outlook::new(&sizes);
-            (outlook.rows + outlook.solved + outlook.rest + outlook.corners + outlook.later, outlook.lasting)
+            (
+                outlook.rows + outlook.unpacked + outlook.solved + outlook.rest + outlook.corners + outlook.later,
+                outlook.lasting,
+            )
         };
         let less = most(sizes);
         for more in [
             Sizes { patches: 2000, ..sizes },
             Sizes { row_bytes: 2e6, ..sizes },
+            Sizes { cast_bytes: 2e6, ..sizes },
             Sizes { corners: 8000, ..sizes },
             Sizes { vertices: 3000, ..sizes },
             Sizes { estimate: true, ..sizes },

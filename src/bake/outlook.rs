@@ -30,6 +30,8 @@ pub(super) struct Coming<'a> {
     pub scene: &'a Scene,
     pub casting: &'a Casting<'a>,
     pub plan: Plan<'a>,
+    /// Rows of other rays that come after them, in a process that makes no light.
+    pub again: Option<usize>,
     /// Bytes that the process held before it made the patches.
     pub before: u64,
 }
@@ -54,26 +56,30 @@ impl Coming<'_> {
 
     /// What the bake will take from the rows on; so many are `known`.
     fn outlook(&self, known: usize, options: &BakeOptions, progress: &dyn Progress) -> Result<Outlook> {
-        let &Coming { scene, casting, plan, before } = self;
+        let &Coming { scene, casting, plan, again, before } = self;
         let simplified = casting.simplified;
         let reached = scout::reached(casting, plan.start, progress)?;
         // What no light reaches has no row, or one without entries.
         let cast: Vec<u32> = (0..reached.len()).filter(|&i| plan.all || reached[i]).map(|i| i as u32).collect();
         let row_bytes = row_bytes(casting, &cast, progress)?;
+        let missing = (1.0 - known as f64 / cast.len().max(1) as f64).max(0.0);
+        let more = again.map_or(0.0, |again| again as f64 / plan.start.len() as f64);
         let (corners, vertices) = if options.patches == PatchSource::Surfels {
             mesh(scene, simplified, |patch| reached[patch])
         } else {
             let corners = CORNERS * simplify::expected_fragments(scene, &simplified.grid);
             (corners as usize, (VERTICES * corners) as usize)
         };
-        let outlook = Outlook::new(&Sizes {
+        let sizes = Sizes {
             used: used(scene, simplified),
             patches: plan.start.len(),
-            row_bytes: row_bytes * (1.0 - known as f64 / cast.len().max(1) as f64).max(0.0),
+            row_bytes,
+            cast_bytes: row_bytes * (missing + more),
             corners,
             vertices,
             estimate: options.estimate,
-        });
+        };
+        let outlook = if again.is_some() { Outlook::of_transfer(&sizes) } else { Outlook::new(&sizes) };
         // That of the shadow rays of the patches, of which there are but so many at a time.
         let rays = plan.start.len() as f64 * options.patch_samples as f64;
         let down_to = (PATCH_POINTS as f64 / rays.max(1.0)).min(1.0);

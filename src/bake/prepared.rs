@@ -131,7 +131,9 @@ impl<'a> Prepared<'a> {
         let all = vec![true; self.simplified.patches.len()];
         // What matters to the wanted meshes does not depend on lights.
         let plan = self.needs.plan(&all);
-        let coming = Coming { scene: &self.scene, casting: &casting, plan, before: self.before };
+        let again = if options.estimate { estimate::again(all.len(), options.seed) } else { Vec::new() };
+        let coming =
+            Coming { scene: &self.scene, casting: &casting, plan, again: Some(again.len()), before: self.before };
         coming.begin(&mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {
             Some(_) => {
@@ -144,11 +146,8 @@ impl<'a> Prepared<'a> {
                 transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?
             }
         };
-        if options.estimate {
-            let again = estimate::again(self.simplified.patches.len(), options.seed);
-            let casting = Casting { again: 1, marked: false, ..casting };
-            rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
-        }
+        let casting = Casting { again: 1, marked: false, ..casting };
+        rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
         Ok(rays)
     }
 }
