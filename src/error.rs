@@ -37,7 +37,7 @@ pub enum Error {
     #[error("the time was over when stage \"{0}\" ended")]
     Stopped(String),
     /// Another process works on the same folder or file: wait for it, or choose another one.
-    #[error("{}: in use by {holder}; wait for it, or choose another folder", path.display())]
+    #[error("{}: in use by {holder}; wait for it, or choose another one", path.display())]
     Busy {
         /// The folder or file.
         path: PathBuf,

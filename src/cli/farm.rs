@@ -258,7 +258,7 @@ fn percent(part: usize, whole: usize) -> f64 {
 fn merge(args: &MergeArgs) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
-    if place.extension().is_some_and(|extension| extension == TRANSFER) {
+    if place.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(TRANSFER)) {
         Transfer::check_place(place)?;
         on_threads(running.threads, || {
             let plan = Plan::open(&args.plan)?;
