@@ -250,8 +250,8 @@ mod tests {
         let sizes = Sizes {
             used: 1e12,
             patches: 1000,
-            row_bytes: 1e6,
-            cast_bytes: 1e6,
+            row_bytes: 5e5,
+            cast_bytes: 5e5,
             corners: 3000,
             vertices: 1000,
             estimate: false,
@@ -266,8 +266,8 @@ mod tests {
         let less = most(sizes);
         for more in [
             Sizes { patches: 2000, ..sizes },
-            Sizes { row_bytes: 2e6, ..sizes },
-            Sizes { cast_bytes: 2e6, ..sizes },
+            Sizes { row_bytes: 1e6, ..sizes },
+            Sizes { cast_bytes: 1e6, ..sizes },
             Sizes { corners: 8000, ..sizes },
             Sizes { vertices: 3000, ..sizes },
             Sizes { estimate: true, ..sizes },
