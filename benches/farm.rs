@@ -18,7 +18,7 @@ const DEFAULT: [(&str, &[&str]); 6] = [
 ];
 /// Light for scenes that have none.
 const LIGHT: [&str; 2] = ["--sky", "1,1,1"];
-/// Asked of the CPU time of plan and shards, and of the merge, of that of one process.
+/// Asked of the CPU time of the shards, and of the merge, of that of one process.
 const ASKED: [f64; 2] = [1.05, 0.05];
 
 fn main() {
@@ -29,15 +29,14 @@ fn main() {
         given.drain(..2);
     }
     println!(
-        "{shards} shards; CPU seconds, all of one thread each; plan and shards asked for at most {} of prepare, merge at \
-         most {} of bake",
+        "{shards} shards; CPU seconds, all of one thread each; shards asked for at most {} of prepare, merge at most {} of bake",
         ASKED[0], ASKED[1]
     );
     println!(
-        "| scene | bake | prepare | plan | shards | of prepare | largest to mean | merge to a file | of bake | merge to results \
-         | relight |"
+        "| scene | bake | prepare | plan | shards | of prepare | with the plan | largest to mean | merge to a file | of bake | merge to \
+         results | relight |"
     );
-    println!("|-|-|-|-|-|-|-|-|-|-|-|");
+    println!("|-|-|-|-|-|-|-|-|-|-|-|-|");
     if let Some((scene, options)) = given.split_first() {
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         return measure(scene, &options, shards);
@@ -72,8 +71,9 @@ fn measure(scene: &str, options: &[&str], shards: usize) {
         let sum: f64 = each.iter().sum();
         let most = each.iter().copied().fold(0.0, f64::max);
         Some(format!(
-            "{bake:.2} | {prepare:.2} | {planned:.2} | {sum:.2} | {:.3} | {:.2} | {to_file:.2} | {:.3} | {to_results:.2} | \
+            "{bake:.2} | {prepare:.2} | {planned:.2} | {sum:.2} | {:.3} | {:.3} | {:.2} | {to_file:.2} | {:.3} | {to_results:.2} | \
              {relight:.2}",
+            sum / prepare,
             (planned + sum) / prepare,
             most * shards as f64 / sum,
             to_file / bake
