@@ -265,6 +265,8 @@ fn a_bake_that_fits_no_limit_is_refused_and_what_is_suggested_is_accepted() {
     // No voxels are large enough.
     let says = ends(&["--grid", "8", "--memory-limit", "1M"], 1);
     assert!(says.contains("allows 1 MB; allow ") && !says.contains("--grid"), "{says}");
+    let says = ends(&["--memory-limit", "1G", "--spill-dir", "nowhere"], 2);
+    assert!(says.contains("there is no such folder"), "{says}");
 }
 
 /// A bake of some hundred kB onto what has no room for it.

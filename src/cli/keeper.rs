@@ -25,7 +25,7 @@ pub struct Memory {
     #[arg(long, value_name = "SIZE", value_parser = parse::memory)]
     memory_limit: Option<u64>,
     /// Folder on a disk for form factors that do not fit the limit [default: that of the output, or of the plan]
-    #[arg(long, value_name = "DIR", requires = "memory_limit")]
+    #[arg(long, value_name = "DIR", requires = "memory_limit", value_parser = parse::folder())]
     spill_dir: Option<PathBuf>,
 }
 

@@ -1,7 +1,8 @@
 //! Values of the command line, with messages that say what would be right.
 
-use std::{str::FromStr, time::Duration};
+use std::{path::PathBuf, str::FromStr, time::Duration};
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use glam::{DVec3, Vec3};
 
 type Parsed<T> = Result<T, String>;
@@ -84,6 +85,11 @@ pub fn memory(text: &str) -> Parsed<u64> {
         .ok_or("expected a size with its unit, such as 900M or 4G")?;
     let bytes = positive(value)? * unit;
     if bytes < 1e18 { Ok(bytes as u64) } else { Err("is too large".into()) }
+}
+
+/// A folder that is there.
+pub fn folder() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new().try_map(|path| if path.is_dir() { Ok(path) } else { Err("there is no such folder") })
 }
 
 /// Voxels on the longest side.
