@@ -54,6 +54,9 @@ pub fn cast(
     keeper: &mut dyn RowKeeper,
     progress: &dyn Progress,
 ) -> Result<u64> {
+    if patches.is_empty() {
+        return Ok(0);
+    }
     let caster = Caster::new(casting);
     let mut cast = 0;
     progress.begin("form factors", patches.len() as u64);
