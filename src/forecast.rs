@@ -117,11 +117,12 @@ pub fn forecast(scene: &Scene, options: &BakeOptions) -> Result<Forecast> {
 
 /// What a bake of so many fragments and patches will take.
 fn outlook(scene: &Scene, options: &BakeOptions, fragments: f64, patches: f64) -> Outlook {
+    let row_bytes = patches * options.rays as f64 * RAY_BYTES;
     let sizes = Sizes {
         used: 0.0,
         patches: patches as usize,
-        row_bytes: patches * options.rays as f64 * RAY_BYTES,
-        cast_bytes: patches * options.rays as f64 * RAY_BYTES,
+        row_bytes,
+        cast_bytes: row_bytes,
         corners: (fragments * CORNERS) as usize,
         vertices: (fragments * VERTICES) as usize,
         estimate: options.estimate,

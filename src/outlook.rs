@@ -116,9 +116,10 @@ const HEAP: f64 = 2.4e6;
 /// did as a share.
 const LEFT: f64 = 16e6;
 const LEFT_SHARE: f64 = 0.1;
-/// Bytes a vertex of what it takes its light from: place and normal (24), end (4), some eight patches with weights (8 each), and
-/// half of that again while it is found.
-const STENCIL: f64 = 24.0 + 4.0 + 8.0 * 8.0 + 48.0;
+/// Bytes of a stencil: place and normal (24), end (4), some eight patches with weights (8 each).
+pub(crate) const STENCIL: usize = 24 + 4 + 8 * 8;
+/// About half of that again while it is found.
+const FOUND: usize = 48;
 /// Bytes a pixel while pictures are written.
 const PIXEL: f64 = 250.0;
 
@@ -154,7 +155,7 @@ impl Outlook {
 
     /// Of a process that makes rows and what vertices take their light from, but no light.
     pub(crate) fn of_transfer(sizes: &Sizes) -> Outlook {
-        let stencils = sizes.vertices as f64 * STENCIL;
+        let stencils = sizes.vertices * (STENCIL + FOUND);
         Outlook { unpacked: 0, solved: 0, later: stencils as u64, lasting: 0, ..Outlook::new(sizes) }
     }
 

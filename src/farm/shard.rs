@@ -17,7 +17,7 @@ use crate::{
         rows::{self, AGAIN, Entries, ROWS},
         stencils, write_file,
     },
-    outlook::Outlook,
+    outlook::{Outlook, STENCIL},
     output::atomic::sweep,
     progress::{self, Progress},
     reconstruct::{PatchIndex, Stencils},
@@ -34,9 +34,8 @@ const SETTINGS: Name = Name::new("settings");
 const TRIES: u32 = 3;
 const PAUSE: Duration = Duration::from_millis(30);
 
-/// Bytes of a point: in the file, as read and with its stencil of some eight patches. And while its stencil is found, where up to
-/// 16 patches are asked.
-const STENCIL: usize = 3 * 24 + 4 + 8 * 8;
+/// Bytes of a point besides its stencil: in the file and as read. And while the stencil is found, where up to 16 patches are asked.
+const POINT: usize = 2 * 24;
 const FOUND: usize = 24 + 2 * 4 + 8 * (16 + 8);
 /// What stencils need besides. Bytes a patch: its place in the index (14), how far it reaches, in the file and twice as read (12),
 /// whether it is known (2). Bytes a triangle: its normal (12), and its sides (2).
@@ -123,7 +122,7 @@ impl Plan {
             let points = self.points_of(k);
             let found = points.min(POINTS * Stencils::TOGETHER) * FOUND;
             let known = simplified.patches.len() * INDEXED + simplified.geometry.triangles.len() * TRIANGLE;
-            let stencils = if points > 0 { points * STENCIL + found + known } else { 0 };
+            let stencils = if points > 0 { points * (POINT + STENCIL) + found + known } else { 0 };
             // Those of other rays take about as much.
             let rows = bake::of_rows(&casting, &[&missing[..], &other].concat(), progress)?;
             Ok(Outlook { rest: stencils as u64, ..rows })

@@ -12,13 +12,11 @@ use rayon::prelude::*;
 /// Plain values one after the other: in memory of their own, or where a file that is mapped has them. These are copied
 /// when somebody wants to change them.
 #[derive(Clone)]
-pub struct Array<T>(Place<T>);
-
-#[derive(Clone)]
-enum Place<T> {
-    Own(Vec<T>),
+pub struct Array<T> {
+    /// In memory of their own, unless they are mapped.
+    own: Vec<T>,
     /// A whole number of values, at an address that suits them.
-    Mapped(Bytes),
+    mapped: Option<Bytes>,
 }
 
 impl<T: Pod> Array<T> {
@@ -27,19 +25,18 @@ impl<T: Pod> Array<T> {
         if !bytes.len().is_multiple_of(size_of::<T>()) {
             return None;
         }
-        let fits = bytemuck::try_cast_slice::<u8, T>(&bytes).is_ok();
-        Some(Array(if fits { Place::Mapped(bytes) } else { Place::Own(bytemuck::pod_collect_to_vec(&bytes)) }))
+        if bytemuck::try_cast_slice::<u8, T>(&bytes).is_ok() {
+            return Some(Array { own: Vec::new(), mapped: Some(bytes) });
+        }
+        Some(bytemuck::pod_collect_to_vec::<u8, T>(&bytes).into())
     }
 
     /// The list, in memory of its own from now on.
     pub fn own(&mut self) -> &mut Vec<T> {
-        if let Place::Mapped(_) = self.0 {
-            self.0 = Place::Own(self.to_vec());
+        if let Some(bytes) = self.mapped.take() {
+            self.own = bytemuck::pod_collect_to_vec(&bytes);
         }
-        match &mut self.0 {
-            Place::Own(list) => list,
-            Place::Mapped(_) => unreachable!("it was copied"),
-        }
+        &mut self.own
     }
 }
 
@@ -48,10 +45,7 @@ impl<T: Pod> Deref for Array<T> {
 
     #[inline(always)]
     fn deref(&self) -> &[T] {
-        match &self.0 {
-            Place::Own(list) => list,
-            Place::Mapped(bytes) => bytemuck::cast_slice(bytes),
-        }
+        self.mapped.as_ref().map_or(&self.own[..], |bytes| bytemuck::cast_slice(bytes))
     }
 }
 
@@ -63,25 +57,25 @@ impl<T: Pod> DerefMut for Array<T> {
 
 impl<T> Default for Array<T> {
     fn default() -> Array<T> {
-        Array(Place::Own(Vec::new()))
+        Vec::new().into()
     }
 }
 
 impl<T> From<Vec<T>> for Array<T> {
     fn from(list: Vec<T>) -> Array<T> {
-        Array(Place::Own(list))
+        Array { own: list, mapped: None }
     }
 }
 
 impl<T> FromIterator<T> for Array<T> {
     fn from_iter<I: IntoIterator<Item = T>>(values: I) -> Array<T> {
-        Array(Place::Own(values.into_iter().collect()))
+        Vec::from_iter(values).into()
     }
 }
 
 impl<T: Send> FromParallelIterator<T> for Array<T> {
     fn from_par_iter<I: IntoParallelIterator<Item = T>>(values: I) -> Array<T> {
-        Array(Place::Own(Vec::from_par_iter(values)))
+        Vec::from_par_iter(values).into()
     }
 }
 

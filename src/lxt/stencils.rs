@@ -62,7 +62,7 @@ pub fn write_alone<W: Write>(out: &mut Writer<W>, stencils: &Stencils) -> io::Re
 /// Those of the output.
 pub fn write_points<W: Write>(out: &mut Writer<W>, number: u64, points: &[SurfacePoint]) -> io::Result<()> {
     let numbers: Vec<[f32; 6]> = points.iter().map(numbers).collect();
-    out.block(POINTS, number, &[bytemuck::cast_slice(&numbers)])
+    out.array(POINTS, number, &numbers)
 }
 
 /// How many points [`write_points`] wrote, by the length of the block; none if it is not there.
@@ -73,14 +73,9 @@ pub fn count_points(file: &Container, number: u64) -> usize {
 /// Reads what [`write_points`] wrote.
 ///
 /// # Errors
-/// Those of [`Container::block`]; [`Error::Input`](crate::Error::Input) if these are no points.
+/// Those of [`Container::array`].
 pub fn read_points(file: &Container, number: u64) -> Result<Vec<SurfacePoint>> {
-    let payload = file.block(POINTS, number)?;
-    let points = payload.chunks_exact(size_of::<[f32; 6]>());
-    if !points.remainder().is_empty() {
-        return Err(file.wrong(POINTS, number, "is no whole number of points"));
-    }
-    Ok(points.map(|bytes| point(bytemuck::pod_read_unaligned(bytes))).collect())
+    Ok(file.array(POINTS, number)?.iter().copied().map(point).collect())
 }
 
 fn numbers(point: &SurfacePoint) -> [f32; 6] {

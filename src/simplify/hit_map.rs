@@ -235,7 +235,6 @@ impl Chunk {
             own.map(|f| (cell_of(uv_centroid(fragments.uv(f as usize))), f)).collect();
         // As one number, which compares without a branch.
         by_cell.sort_unstable_by_key(|&((y, x), f)| (y as u64) << 48 | (x as u64) << 32 | f as u64);
-        self.cells.reserve(by_cell.len());
         let last_row = by_cell[by_cell.len() - 1].0.0;
         for row in by_cell.chunk_by(|a, b| a.0.0 == b.0.0) {
             // Rows without a fragment hold no more than rounding dust: they share the next row.
