@@ -186,10 +186,21 @@ fn a_bake_by_slurm_whose_tasks_are_killed_and_requeued_in_mid_run_has_the_bytes_
     let (arrays, merge) = submit(&cluster, &folder, &polite, &options);
     let is_there = |name: String| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() > 0);
     let works = |shard: u32| is_there(format!("shard-{shard}.checkpoint")) || is_there(format!("shard-{shard}.lxt"));
-    // One is killed, one is interrupted by Slurm.
-    until("the work on shard 0", || works(0));
-    run(Command::new("kill").arg("-KILL").arg(process(&folder, 0).expect("shard 0 ended too early to be killed")));
-    until("the work on shard 1", || works(1));
+    let signal = |name: &str, process: &str| drop(run(Command::new("kill").args([name, process])));
+    // Both are held where they are, as Slurm may take longer to hear of it than they have to go.
+    let mut held = [None, None];
+    until("the work on both shards", || {
+        for (shard, held) in (0..).zip(&mut held) {
+            if held.is_none() && works(shard) {
+                let process = process(&folder, shard).expect("the shard ended too early to be held");
+                signal("-STOP", &process);
+                *held = Some(process);
+            }
+        }
+        held.iter().all(Option::is_some)
+    });
+    // One is killed, one is interrupted by Slurm, which lets it go on first.
+    signal("-KILL", held[0].as_ref().unwrap());
     cluster.run("scontrol", &["requeue", &format!("{}_1", arrays[0])]);
     until("the merge's end", || cluster.states(&merge) == ["COMPLETED"]);
 
