@@ -1,5 +1,5 @@
 //! What it costs to share a bake out: CPU time of a plan, its shards and the merge against that of one process, and how
-//! even the shards are.
+//! even the shards are, and how well foreseen.
 //!
 //! `cargo bench --bench farm -- [--shards N] [SCENE [OPTION ...]]`
 
@@ -7,6 +7,8 @@ use std::{
     path::Path,
     process::{Command, Stdio},
 };
+
+use luxel::farm::Plan;
 
 const DEFAULT: [(&str, &[&str]); 6] = [
     ("scenes/cornell.toml", &["--rays", "1024"]),
@@ -33,10 +35,10 @@ fn main() {
         ASKED[0], ASKED[1]
     );
     println!(
-        "| scene | bake | prepare | plan | shards | of prepare | with the plan | largest to mean | merge to a file | of bake | merge to \
+        "| scene | bake | prepare | plan | shards | of prepare | with the plan | largest to mean | foreseen to measured | merge to a file | of bake | merge to \
          results | relight |"
     );
-    println!("|-|-|-|-|-|-|-|-|-|-|-|-|");
+    println!("|-|-|-|-|-|-|-|-|-|-|-|-|-|");
     if let Some((scene, options)) = given.split_first() {
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         return measure(scene, &options, shards);
@@ -60,6 +62,7 @@ fn measure(scene: &str, options: &[&str], shards: usize) {
         let bake = with(&["bake", "--no-preview", "-o", &results])?;
         let prepare = with(&["prepare", "-o", &file])?;
         let planned = with(&["farm", "plan", "-o", &plan, "--shards", &shards.to_string()])?;
+        let foreseen: f64 = Plan::open(Path::new(&plan)).ok()?.shards().iter().map(|part| part.seconds).sum();
         let mut each = Vec::new();
         for k in 0..shards {
             each.push(seconds(["farm", "shard", &plan, &k.to_string(), "--threads", "1", "--quiet"])?);
@@ -71,11 +74,12 @@ fn measure(scene: &str, options: &[&str], shards: usize) {
         let sum: f64 = each.iter().sum();
         let most = each.iter().copied().fold(0.0, f64::max);
         Some(format!(
-            "{bake:.2} | {prepare:.2} | {planned:.2} | {sum:.2} | {:.3} | {:.3} | {:.2} | {to_file:.2} | {:.3} | {to_results:.2} | \
+            "{bake:.2} | {prepare:.2} | {planned:.2} | {sum:.2} | {:.3} | {:.3} | {:.2} | {:.2} | {to_file:.2} | {:.3} | {to_results:.2} | \
              {relight:.2}",
             sum / prepare,
             (planned + sum) / prepare,
-            most * shards as f64 / sum,
+            most * each.len() as f64 / sum,
+            foreseen / sum,
             to_file / bake
         ))
     };

@@ -504,6 +504,7 @@ mod interrupted {
 
     const TERM: i32 = 15;
     const KILL: i32 = 9;
+    const STOP: i32 = 19;
 
     /// A plan of one shard, of some seconds of work, and where its rows are written down.
     fn long(folder: &TempDir) -> (PathBuf, PathBuf) {
@@ -537,6 +538,8 @@ mod interrupted {
         let folder = tempfile::tempdir().unwrap();
         let (place, checkpoint) = long(&folder);
         let mut child = begun(&place, &checkpoint);
+        // Held for as long as the others need to find it there.
+        send(&child, STOP);
 
         // Whoever comes second is told who was first.
         let said = ends(&mut shard(&place, "0"), 75);

@@ -34,6 +34,8 @@ pub struct Outlined {
     pub points: RowPoints,
     /// Tracer of what the patches are pieces of.
     pub tracer: Box<dyn RayTracer>,
+    /// How long it takes to build one, seconds.
+    pub build_seconds: f64,
 }
 
 /// The vertices of [`prepare`](super::prepare), and what their stencils depend on.
@@ -80,5 +82,6 @@ pub fn outline(scene: &Scene, options: &BakeOptions, kept: &mut Kept, run: &mut 
     }
     let outline = Outline { outer: needs.outer.clone(), few, spared };
     kept.simplified = Some(prepared.simplified);
-    Ok(Outlined { outline, shared, points: prepared.points, tracer: prepared.tracers.into_patches() })
+    let build_seconds = clock.seconds("build");
+    Ok(Outlined { outline, shared, points: prepared.points, tracer: prepared.tracers.into_patches(), build_seconds })
 }

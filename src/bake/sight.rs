@@ -38,13 +38,26 @@ impl Sight {
         known.len() == patches && [0, patches].contains(&depth.len()) && two_sided.len() == triangles
     }
 
+    /// Calls `then` with a field without values; `tracer` holds the scene's surfaces.
+    pub(crate) fn in_field<R>(
+        mut self,
+        simplified: &Simplified,
+        tracer: &dyn RayTracer,
+        options: &BakeOptions,
+        then: impl FnOnce(&Field) -> R,
+    ) -> R {
+        let (index, normals) = (PatchIndex::new(&simplified.patches, simplified.grid), simplified.normals());
+        let level = self.take_level(simplified.grid.voxel_size);
+        then(&self.field(simplified, &index, tracer, &normals, &level, options))
+    }
+
     /// How far patches reach to either side of their centroid: it is not here any more then.
-    pub(crate) fn take_level(&mut self, voxel_size: f64) -> Level {
+    pub(super) fn take_level(&mut self, voxel_size: f64) -> Level {
         Level::of(std::mem::take(&mut self.depth), voxel_size)
     }
 
     /// A field without values; `tracer` holds the scene's surfaces, whose unit normals are `normals`.
-    pub(crate) fn field<'a>(
+    pub(super) fn field<'a>(
         &'a self,
         simplified: &'a Simplified,
         index: &'a PatchIndex,

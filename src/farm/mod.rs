@@ -29,7 +29,7 @@ mod slurm;
 mod status;
 pub mod submit;
 
-pub use balance::Division;
-pub use plan::{Part, Plan};
+pub use balance::{Division, Part};
+pub use plan::Plan;
 pub use shard::Cast;
 pub use status::{ShardState, ShardStatus};

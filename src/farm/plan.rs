@@ -3,17 +3,11 @@
 use std::{
     fs,
     io::ErrorKind,
-    ops::Range,
     path::{Path, PathBuf},
     sync::OnceLock,
 };
 
-use serde::{Deserialize, Serialize};
-
-use super::{
-    Division,
-    balance::{self, MOST_SHARDS, SAMPLE_RAYS},
-};
+use super::balance::{Divided, Division, Part, Work};
 use crate::{
     BakeOptions, Error, Result, Scene,
     bake::{self, Kept, Outline, Outlined, ROWS_A_BLOCK, Run, Shared, Sight},
@@ -24,11 +18,10 @@ use crate::{
         rows::{self, ROWS},
         simplified, source, stencils, write_file,
     },
-    reconstruct::Stencils,
     scene::{Source, SurfacePoint},
     simplify::Simplified,
     trace::RayTracer,
-    transfer::{self, Casting, RowPoints},
+    transfer::RowPoints,
 };
 
 const PLAN: Name = Name::new("plan");
@@ -50,15 +43,6 @@ pub struct Plan {
     shards: Vec<Part>,
     /// Patches with rows of other rays, once somebody asks.
     again: OnceLock<Vec<u32>>,
-}
-
-/// The work of one shard.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Part {
-    /// Patches whose rows it casts.
-    pub patches: Range<u32>,
-    /// How long that will take on one thread, as far as can be foreseen, seconds.
-    pub seconds: f64,
 }
 
 impl Plan {
@@ -84,11 +68,12 @@ impl Plan {
         let path = Plan::check_place(folder)?;
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
-        let Outlined { outline, shared, points, tracer } = bake::outline(scene, options, &mut kept, run)?;
+        let outlined = bake::outline(scene, options, &mut kept, run)?;
         let Some(simplified) = &kept.simplified else {
             return Err(Error::Scene(format!("scene \"{}\" has no patches", scene.name)));
         };
-        let shards = divided(simplified, &*tracer, &outline, options, division)?;
+        let Divided { shards, points: parts } = Work { simplified, outlined: &outlined, options }.divided(division)?;
+        let Outlined { outline, shared, points, .. } = outlined;
         write_file(&path, PLAN, |out| {
             out.json(IDENTITY, 0, &identity)?;
             out.json(SHARDS, 0, &shards)?;
@@ -99,8 +84,8 @@ impl Plan {
             points::write(out, points.rows())?;
             if let Some(Shared { points: vertices, sight }) = &shared {
                 out.value(SIGHT, 0, sight)?;
-                for (k, part) in (0..).zip(evenly(vertices, shards.len())) {
-                    stencils::write_points(out, k, part)?;
+                for (k, part) in (0..).zip(parts) {
+                    stencils::write_points(out, k, &vertices[part])?;
                 }
             }
             rows::write_in_order(out, ROWS, &kept.rows, ROWS_A_BLOCK)
@@ -252,44 +237,4 @@ pub(super) fn check_there(folder: &Path) -> Result<PathBuf> {
         }
         _ => Ok(path),
     }
-}
-
-/// The points in so many parts of about equal length, whose stencils can be made one by one.
-fn evenly(points: &[SurfacePoint], parts: usize) -> impl Iterator<Item = &[SurfacePoint]> {
-    let units = points.len().div_ceil(Stencils::TOGETHER);
-    let at = move |part: usize| (units * part / parts * Stencils::TOGETHER).min(points.len());
-    (0..parts).map(move |part| &points[at(part)..at(part + 1)])
-}
-
-/// The work of each shard.
-fn divided(
-    simplified: &Simplified,
-    tracer: &dyn RayTracer,
-    outline: &Outline,
-    options: &BakeOptions,
-    division: Division,
-) -> Result<Vec<Part>> {
-    let points = RowPoints::new(options.rays.min(SAMPLE_RAYS), options.seed, tracer);
-    let casting = Casting { marked: true, ..Casting::new(simplified, tracer, &outline.outer, &points) };
-    let of = |list: &[bool], i: u32| list.get(i as usize).is_some_and(|&is| is);
-    let rays = |i: u32| match (of(&outline.outer, i) || of(&outline.spared, i), of(&outline.few, i)) {
-        (true, _) => 0,
-        (false, few) => transfer::row_length(options.rays, few),
-    };
-    let costs = balance::costs(&casting, rays);
-    let total: f64 = costs.iter().sum();
-    let shards = match division {
-        Division::Shards(shards) => shards,
-        Division::Seconds(seconds) => (total / rayon::current_num_threads() as f64 / seconds).ceil().max(1.0) as usize,
-    };
-    if !(1..=MOST_SHARDS).contains(&shards) {
-        return Err(Error::Option(format!("{shards} shards: there must be from 1 to {MOST_SHARDS}")));
-    }
-    let patches = simplified.patches.len();
-    let patch = |block: usize| (block * ROWS_A_BLOCK).min(patches) as u32;
-    let part = |blocks: Range<usize>| Part {
-        patches: patch(blocks.start)..patch(blocks.end),
-        seconds: costs[blocks].iter().sum(),
-    };
-    Ok(balance::divide(&costs, shards).into_iter().map(part).collect())
 }

@@ -20,7 +20,7 @@ use crate::{
     outlook::{Outlook, STENCIL},
     output::atomic::sweep,
     progress::{self, Progress},
-    reconstruct::{PatchIndex, Stencils},
+    reconstruct::Stencils,
     simplify::Simplified,
     trace::{self, RayTracer},
     transfer::{self, Block, Casting, RowKeeper, Rows},
@@ -157,21 +157,21 @@ impl Plan {
         tracer: &dyn RayTracer,
         progress: &dyn Progress,
     ) -> Result<Option<Stencils>> {
-        let Some(mut sight) = self.sight()? else { return Ok(None) };
+        let Some(sight) = self.sight()? else { return Ok(None) };
         if !sight.fits(simplified.patches.len(), simplified.geometry.triangles.len()) {
             return Err(self.file.wrong(SIGHT, 0, "is not of these patches"));
         }
         let points = self.points(k)?;
-        let (index, normals) = (PatchIndex::new(&simplified.patches, simplified.grid), simplified.normals());
-        let level = sight.take_level(simplified.grid.voxel_size);
-        let field = sight.field(simplified, &index, tracer, &normals, &level, self.options());
         progress.begin("vertices", points.len() as u64);
-        let mut stencils = Stencils::with_room_for(points.len());
-        for part in points.chunks(POINTS * Stencils::TOGETHER) {
-            progress::go_on(progress, "vertices")?;
-            stencils.append(Stencils::new(&field, part));
-            progress.advance(part.len() as u64);
-        }
+        let stencils = sight.in_field(simplified, tracer, self.options(), |field| {
+            let mut stencils = Stencils::with_room_for(points.len());
+            for part in points.chunks(POINTS * Stencils::TOGETHER) {
+                progress::go_on(progress, "vertices")?;
+                stencils.append(Stencils::new(field, part));
+                progress.advance(part.len() as u64);
+            }
+            Ok::<_, Error>(stencils)
+        })?;
         progress.end();
         Ok(Some(stencils))
     }

@@ -87,21 +87,17 @@ pub fn foresee_visible(casting: &Casting) -> Vec<bool> {
 /// Patches of a unit of parallel work where few rays are cast of each.
 const GLANCED: usize = 4096;
 
-/// How often [`seconds_a_ray`] casts each row.
-pub const TIMED: u32 = 2;
-
-/// Seconds a ray of the rows of `patches`, cast one after the other on this thread: to foresee how long others will take.
-pub fn seconds_a_ray(casting: &Casting, patches: &[u32]) -> Vec<f64> {
+/// Seconds that the rows of `patches` take, cast one after the other on this thread: to foresee how long others will.
+pub fn seconds_of_rows(casting: &Casting, patches: &[u32]) -> Vec<f64> {
     let caster = Caster::new(casting);
     let mut s = caster.take();
     let mut writer = BlockWriter::default();
-    let mut seconds = |i: u32| {
+    let seconds = |&i: &u32| {
         let begun = Instant::now();
         caster.row(i, &[], &mut s, &mut writer);
-        begun.elapsed().as_secs_f64() / casting.points.rays() as f64
+        begun.elapsed().as_secs_f64()
     };
-    // More than once, because the machine may do something else meanwhile.
-    patches.iter().map(|&i| (0..TIMED).map(|_| seconds(i)).fold(f64::INFINITY, f64::min)).collect()
+    patches.iter().map(seconds).collect()
 }
 
 /// What `patches` receive by the rows of `casting`: the sum of what is `sent` over the hits (`closed`: see

@@ -15,7 +15,7 @@ mod spill;
 mod tally;
 
 pub use block::{Block, BlockWriter, Coded, Row, RowRef, View};
-pub use cast::{Casting, TIMED, cast, foresee_visible, receive, row_length, seconds_a_ray};
+pub use cast::{Casting, cast, foresee_visible, receive, row_length, seconds_of_rows};
 pub use caster::row_rays;
 pub use emit::{Emitter, patch_points};
 pub use estimate::{Estimate, Plan, estimate, estimate_plan, first_wave};
