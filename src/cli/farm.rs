@@ -256,38 +256,41 @@ fn percent(part: usize, whole: usize) -> f64 {
 }
 
 fn merge(args: &MergeArgs) -> Result<()> {
+    on_threads(args.running.threads, || {
+        let (place, plan) = (args.results.place(), Plan::open(&args.plan)?);
+        plan.check_output(place)?;
+        let is_file = place.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(TRANSFER));
+        if is_file { merge_to_file(args, &plan) } else { merge_to_folder(args, &plan) }
+    })
+}
+
+fn merge_to_file(args: &MergeArgs, plan: &Plan) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
-    if place.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(TRANSFER)) {
-        Transfer::check_place(place)?;
-        on_threads(running.threads, || {
-            let plan = Plan::open(&args.plan)?;
-            let mut keeper = args.memory.keeper(folder_of(place), 0);
-            let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
-            plan.merge_to_file(place, &mut run)
-        })?;
-        if !running.quiet && !running.json_progress {
-            say(&format!("{:<14}{}\n", "written to", place.display()));
-        }
-        return Ok(());
+    Transfer::check_place(place)?;
+    let mut keeper = args.memory.keeper(folder_of(place), 0);
+    plan.merge_to_file(place, &mut Run { progress: &progress, keeper: &mut keeper, deadline: None })?;
+    if !running.quiet && !running.json_progress {
+        say(&format!("{:<14}{}\n", "written to", place.display()));
     }
+    Ok(())
+}
+
+fn merge_to_folder(args: &MergeArgs, plan: &Plan) -> Result<()> {
+    let progress = terminal(&args.running);
     let staged = args.results.open()?;
-    let (scene, bake) = on_threads(running.threads, || {
-        let plan = Plan::open(&args.plan)?;
-        let mut keeper = args.memory.keeper(args.results.folder(), args.results.pixels());
-        let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
-        let mut kept = plan.merge()?;
-        let scene = plan.scene()?;
-        if !scene.has_light() {
-            return Err(Error::Scene(format!("scene \"{}\" has no light: {UNLIT}", scene.name)));
-        }
-        let mut bake = bake::bake_with(&scene, plan.options(), &mut kept, &mut run)?;
-        keeper.tell(&mut bake);
-        bake.report.rows.from = Some(args.plan.display().to_string());
-        args.results.write(&scene, &mut bake, staged, &progress)?;
-        Ok((scene, bake))
-    })?;
-    args.results.tell(&scene, &bake, running);
+    let mut keeper = args.memory.keeper(args.results.folder(), args.results.pixels());
+    let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
+    let mut kept = plan.merge()?;
+    let scene = plan.scene()?;
+    if !scene.has_light() {
+        return Err(Error::Scene(format!("scene \"{}\" has no light: {UNLIT}", scene.name)));
+    }
+    let mut bake = bake::bake_with(&scene, plan.options(), &mut kept, &mut run)?;
+    keeper.tell(&mut bake);
+    bake.report.rows.from = Some(args.plan.display().to_string());
+    args.results.write(&scene, &mut bake, staged, &progress)?;
+    args.results.tell(&scene, &bake, &args.running);
     Ok(())
 }
 

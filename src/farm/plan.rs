@@ -39,7 +39,7 @@ pub(super) const SIGHT: Name = Name::new("sight");
 const SHARDS: Name = Name::new("shards");
 
 /// Name of the file in the folder.
-const FILE: &str = "plan.lxt";
+pub(super) const FILE: &str = "plan.lxt";
 
 /// An open plan.
 pub struct Plan {
