@@ -235,7 +235,7 @@ impl Plan {
         let is_spared = |i: &u32| outline.spared.get(*i as usize).is_some_and(|&spared| spared);
         let rows = range.clone().filter(|i| !is_spared(i)).collect();
         let again = self.again.get_or_init(|| match self.options.estimate {
-            true => estimate::again(self.patches(), self.options.seed),
+            true => estimate::replicated(self.patches(), self.options.seed),
             false => Vec::new(),
         });
         let at = |patch: u32| again.partition_point(|&i| i < patch);
