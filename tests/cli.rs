@@ -10,6 +10,7 @@ use std::{
 };
 
 use command::{luxel, names, stderr, stdout};
+use luxel::output::atomic::Staged;
 use tempfile::TempDir;
 
 /// A room of 2 x 2 x 2 with a lamp under its ceiling, seen from inside.
@@ -264,6 +265,84 @@ fn a_bake_that_fails_leaves_no_folder() {
         assert!(message.contains(flag), "{message}");
     }
     assert_eq!(names(folder.path()), ["room.mtl", "room.obj"]);
+}
+
+#[test]
+fn of_two_processes_that_write_one_file_the_second_is_told_of_the_first() {
+    let (folder, scene) = room();
+    let file = folder.path().join("new/some.lxt");
+    let left = folder.path().join("new/.some.lxt.17.tmp");
+    let prepare = || {
+        let paths = ["prepare", scene.to_str().unwrap(), "-o", file.to_str().unwrap(), "--quiet"];
+        luxel(&[&paths, &QUICK[..]].concat())
+    };
+    let first = Staged::open_file(&file, "the first").unwrap();
+    let output = prepare();
+    assert_eq!(output.status.code(), Some(75));
+    assert!(stderr(&output).contains("some.lxt: in use by the first, process "), "{}", stderr(&output));
+    drop(first);
+    assert!(!folder.path().join("new").exists(), "the first has written nothing");
+
+    fs::create_dir(folder.path().join("new")).unwrap();
+    fs::write(&left, "by a process that was killed").unwrap();
+    assert_eq!(prepare().status.code(), Some(0));
+    assert_eq!(names(&folder.path().join("new")), ["some.lxt"]);
+}
+
+/// Names of files are bytes there, and need be no text.
+#[cfg(target_os = "linux")]
+#[test]
+fn names_of_files_may_be_any_bytes_and_where_they_may_not_that_is_told_before_the_work() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt, process::Command};
+
+    let (folder, scene) = room();
+    let name = |bytes: &[u8]| folder.path().join(OsStr::from_bytes(bytes));
+    let (odd, plan) = (name(b"new\nline \xff"), name(b"it's a \xfe plan"));
+    fs::create_dir(&odd).unwrap();
+    let [room, cache, out, merged, file] =
+        ["room.obj", "cache", "out", "merged", "some.lxt"].map(|name| odd.join(name));
+    fs::copy(&scene, &room).unwrap();
+    fs::copy(scene.with_extension("mtl"), room.with_extension("mtl")).unwrap();
+    let run = |words: &[&OsStr], more: &[&str]| {
+        let more = more.iter().map(OsStr::new).collect::<Vec<_>>();
+        Command::new(command::LUXEL).args([words, &more].concat()).output().unwrap()
+    };
+    let word = OsStr::new;
+    let all: [(&[&OsStr], &[&str]); 8] = [
+        (
+            &[
+                word("bake"),
+                word("--no-preview"),
+                room.as_ref(),
+                word("--cache"),
+                cache.as_ref(),
+                word("-o"),
+                out.as_ref(),
+            ],
+            &QUICK,
+        ),
+        (&[word("prepare"), room.as_ref(), word("-o"), file.as_ref()], &QUICK),
+        (&[word("relight"), file.as_ref(), word("-o"), out.as_ref()], &["--no-preview"]),
+        (
+            &[word("farm"), word("plan"), room.as_ref(), word("-o"), plan.as_ref()],
+            &["--shards=1", "--grid=6", "--rays=16", "--json-progress"],
+        ),
+        (&[word("farm"), word("shard"), plan.as_ref()], &["0", "--json-progress"]),
+        (&[word("farm"), word("status"), plan.as_ref()], &[]),
+        (&[word("farm"), word("status"), plan.as_ref()], &["--json"]),
+        (&[word("farm"), word("merge"), plan.as_ref(), word("-o"), merged.as_ref()], &["--no-preview"]),
+    ];
+    for (words, more) in all {
+        let output = run(words, more);
+        assert_eq!(output.status.code(), Some(0), "{words:?}: {}", stderr(&output));
+    }
+    let record: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bake.json")).unwrap()).unwrap();
+    assert!(record["command"].to_string().contains("some.lxt"), "{record:#}");
+
+    let output = run(&[word("prepare"), room.as_ref(), word("-o"), name(b"\xfd.lxt").as_ref()], &QUICK);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("must be UTF-8; choose another one"), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("form factors"), "it was prepared first");
 }
 
 fn points(folder: &Path, scene: &Path, text: &str) -> (Output, PathBuf) {

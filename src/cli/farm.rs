@@ -11,8 +11,7 @@ use luxel::{
     Error, Result,
     bake::{self, Run},
     farm::{Cast, Division, Plan, ShardState, ShardStatus, submit::command},
-    lxt::Transfer,
-    output::atomic::folder_of,
+    output::atomic::{Staged, folder_of},
 };
 use serde_json::json;
 
@@ -154,7 +153,7 @@ fn plan(args: &PlanArgs) -> Result<()> {
     let (count, place) = (shards.len(), args.output.display());
     if running.json_progress {
         let seconds: Vec<f64> = shards.iter().map(|part| part.seconds).collect();
-        say(&format!("{}\n", json!({ "plan": args.output, "shards": count, "cpu_seconds": seconds })));
+        say(&format!("{}\n", json!({ "plan": place.to_string(), "shards": count, "cpu_seconds": seconds })));
     } else if !running.quiet {
         let all: f64 = shards.iter().map(|part| part.seconds).sum();
         let most = shards.iter().map(|part| part.seconds).fold(0.0, f64::max);
@@ -232,7 +231,7 @@ fn status(args: &StatusArgs) -> Result<()> {
     if args.json {
         let totals: serde_json::Map<_, _> =
             states.iter().map(|state| (state.to_string(), json!(count(*state)))).collect();
-        let all = json!({ "plan": args.plan, "totals": totals, "rows": rows, "rows_done": done, "shards": shards });
+        let all = json!({ "plan": args.plan.display().to_string(), "totals": totals, "rows": rows, "rows_done": done, "shards": shards });
         say(&format!("{all:#}\n"));
         return Ok(());
     }
@@ -267,7 +266,7 @@ fn merge(args: &MergeArgs) -> Result<()> {
 fn merge_to_file(args: &MergeArgs, plan: &Plan) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
-    Transfer::check_place(place)?;
+    let _alone = Staged::open_file(place, "luxel farm merge")?;
     let mut keeper = args.memory.keeper(folder_of(place), 0);
     plan.merge_to_file(place, &mut Run { progress: &progress, keeper: &mut keeper, deadline: None })?;
     if !running.quiet && !running.json_progress {

@@ -24,6 +24,7 @@ use crate::{
         rows::{self, ROWS},
         simplified, source, stencils, write_file,
     },
+    output::atomic::{Staged, sweep},
     reconstruct::Stencils,
     scene::{Source, SurfacePoint},
     simplify::Simplified,
@@ -82,6 +83,7 @@ impl Plan {
         let _lock = Lock::folder(folder, "luxel farm plan")?;
         // Another process may have made one before it left the lock.
         let path = Plan::check_place(folder)?;
+        sweep(folder, FILE);
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
         let Outlined { outline, shared, points, tracer } = bake::outline(scene, options, &mut kept, run)?;
@@ -120,7 +122,7 @@ impl Plan {
                 path.display()
             )));
         }
-        crate::output::atomic::Staged::open(folder)?.commit()?;
+        Staged::open(folder)?.commit()?;
         Ok(path)
     }
 
@@ -283,7 +285,11 @@ fn divided(
         Division::Seconds(seconds) => (total / rayon::current_num_threads() as f64 / seconds).ceil().max(1.0) as usize,
     };
     if !(1..=MOST_SHARDS).contains(&shards) {
-        return Err(Error::Option(format!("{shards} shards: there must be from 1 to {MOST_SHARDS}")));
+        let remedy = match division {
+            Division::Shards(_) => String::new(),
+            Division::Seconds(seconds) => format!("; let each take longer than {seconds} s"),
+        };
+        return Err(Error::Option(format!("{shards} shards: there must be from 1 to {MOST_SHARDS}{remedy}")));
     }
     let patches = simplified.patches.len();
     let patch = |block: usize| (block * ROWS_A_BLOCK).min(patches) as u32;

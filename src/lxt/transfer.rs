@@ -13,7 +13,6 @@ use super::{
 use crate::{
     BakeOptions, Error, Result, Scene,
     bake::{AGAIN_A_BLOCK, Kept, ROWS_A_BLOCK},
-    output::atomic::{Staged, folder_of},
     scene::{SceneOverrides, Source},
 };
 
@@ -85,17 +84,6 @@ impl Transfer {
             blocks.iter().try_for_each(|(kind, number, (payload, hash))| out.copy(*kind, *number, payload, *hash))?;
             Transfer::fill_rest(out, kept)
         })
-    }
-
-    /// Proves that the file `path` can be written; makes its folder if it is missing.
-    ///
-    /// # Errors
-    /// [`Error::Io`] with the path.
-    pub fn check_place(path: &Path) -> Result<()> {
-        if path.is_dir() {
-            return Err(Error::io(path, std::io::Error::other("is a folder; the name of a file was expected")));
-        }
-        Staged::open(folder_of(path))?.commit().map(drop)
     }
 
     /// Opens a file, and compares all of it with its checksums.
