@@ -287,6 +287,38 @@ fn of_two_processes_that_write_one_file_the_second_is_told_of_the_first() {
     fs::write(&left, "by a process that was killed").unwrap();
     assert_eq!(prepare().status.code(), Some(0));
     assert_eq!(names(&folder.path().join("new")), ["some.lxt"]);
+    assert_eq!(prepare().status.code(), Some(0), "a transfer file may be made anew");
+}
+
+#[test]
+fn a_transfer_file_does_not_take_the_place_of_anything_else() {
+    let (folder, scene) = room();
+    let plan = folder.path().join("plan");
+    let [scene, folder_of_plan] = [&scene, &plan].map(|path| path.to_str().unwrap());
+    luxel(&[&["farm", "plan", scene, "--shards", "1", "-q", "-o", folder_of_plan], &QUICK[..]].concat());
+    for place in [Path::new(scene), &plan.join("plan.lxt")] {
+        let before = fs::read(place).unwrap();
+        let output = luxel(&["prepare", scene, "-o", place.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(stderr(&output).contains("is no transfer file; choose another name"), "{}", stderr(&output));
+        assert!(fs::read(place).unwrap() == before);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn no_file_takes_the_place_of_a_device_or_pipe() {
+    let (folder, scene) = room();
+    let [socket, points] = ["socket", "points"].map(|name| folder.path().join(name));
+    let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    fs::write(&points, "0 0 0 0 1 0\n").unwrap();
+    let [socket, points, scene] = [&socket, &points, &scene].map(|path| path.to_str().unwrap());
+    for words in [&["prepare", scene, "-o", socket][..], &["points", scene, "--at", points, "-o", socket]] {
+        let output = luxel(&[words, &QUICK[..]].concat());
+        assert_eq!(output.status.code(), Some(1), "{words:?}");
+        assert!(stderr(&output).contains("socket: is no regular file; choose another name"), "{}", stderr(&output));
+        assert!(!stderr(&output).contains("form factors"), "it baked first");
+    }
 }
 
 /// Names of files are bytes there, and need be no text.

@@ -11,7 +11,8 @@ use luxel::{
     Error, Result,
     bake::{self, Run},
     farm::{Cast, Division, Plan, ShardState, ShardStatus, submit::command},
-    output::atomic::{Staged, folder_of},
+    lxt::Transfer,
+    output::atomic::folder_of,
 };
 use serde_json::json;
 
@@ -266,7 +267,7 @@ fn merge(args: &MergeArgs) -> Result<()> {
 fn merge_to_file(args: &MergeArgs, plan: &Plan) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
-    let _alone = Staged::open_file(place, "luxel farm merge")?;
+    let _alone = Transfer::claim(place, "luxel farm merge")?;
     let mut keeper = args.memory.keeper(folder_of(place), 0);
     plan.merge_to_file(place, &mut Run { progress: &progress, keeper: &mut keeper, deadline: None })?;
     if !running.quiet && !running.json_progress {

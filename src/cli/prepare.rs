@@ -6,10 +6,7 @@ use luxel::{
     Error, Result,
     bake::{self, Kept, Run},
     lxt::Transfer,
-    output::{
-        atomic::{Staged, folder_of},
-        report::bytes,
-    },
+    output::{atomic::folder_of, report::bytes},
 };
 
 use super::{
@@ -36,7 +33,7 @@ pub fn run(args: &Args) -> Result<()> {
     let running = &args.bake.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     // A long computation should not find at its end that there is no place for its result.
-    let _alone = Staged::open_file(&args.output, "luxel prepare")?;
+    let _alone = Transfer::claim(&args.output, "luxel prepare")?;
     let (rays, rows, patches) = job.on_threads(|| {
         let mut kept = Kept::default();
         let mut keeper = args.memory.keeper(folder_of(&args.output), 0);

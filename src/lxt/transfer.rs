@@ -1,6 +1,7 @@
 //! Transfer files: a scene and all that a bake of it needs, whatever its lights and colours will be.
 
 use std::{
+    fs,
     io::{self, Write},
     path::Path,
 };
@@ -13,6 +14,7 @@ use super::{
 use crate::{
     BakeOptions, Error, Result, Scene,
     bake::{AGAIN_A_BLOCK, Kept, ROWS_A_BLOCK},
+    output::atomic::Staged,
     scene::{SceneOverrides, Source},
 };
 
@@ -84,6 +86,25 @@ impl Transfer {
             blocks.iter().try_for_each(|(kind, number, (payload, hash))| out.copy(*kind, *number, payload, *hash))?;
             Transfer::fill_rest(out, kept)
         })
+    }
+
+    /// Makes sure that a transfer file can be written at `path`: its folder is made if it is missing, and the place is this
+    /// process's alone as long as what is returned lives; `work` says what for. Nothing is overwritten but a transfer file, of
+    /// whatever version.
+    ///
+    /// # Errors
+    /// Those of [`Staged::open_file`]; [`Error::Option`] if there is another file.
+    pub fn claim(path: &Path, work: &str) -> Result<Staged> {
+        let staged = Staged::open_file(path, work)?;
+        let is_other = match fs::metadata(path) {
+            Ok(there) => there.len() > 0 && Container::purpose(path)? != Some(Transfer::PURPOSE),
+            Err(_) => false,
+        };
+        if is_other {
+            let problem = "is there already, and is no transfer file; choose another name, or remove it";
+            return Err(Error::Option(format!("{}: {problem}", path.display())));
+        }
+        Ok(staged)
     }
 
     /// Opens a file, and compares all of it with its checksums.

@@ -18,13 +18,19 @@ pub fn folder_of(path: &Path) -> &Path {
 /// Folder and name of an output file.
 ///
 /// # Errors
-/// [`Error::Option`] if the path is that of a folder, or the name no UTF-8: others are made of it.
+/// [`Error::Option`] if the path is that of a folder or a device, which would be lost; or if the name is no UTF-8: others are
+/// made of it.
 pub fn place_of(path: &Path) -> Result<(&Path, &str)> {
     let wrong = |what: &str| Err(Error::Option(format!("{}: {what}", path.display())));
-    match path.file_name().map(OsStr::to_str) {
-        Some(Some(name)) if !path.is_dir() => Ok((folder_of(path), name)),
-        Some(None) => wrong("the name of an output file must be UTF-8; choose another one"),
-        _ => wrong("is a folder; a file name was expected"),
+    let name = match path.file_name().map(OsStr::to_str) {
+        Some(Some(name)) => name,
+        Some(None) => return wrong("the name of an output file must be UTF-8; choose another one"),
+        None => return wrong("is a folder; a file name was expected"),
+    };
+    match fs::metadata(path) {
+        Ok(there) if there.is_dir() => wrong("is a folder; a file name was expected"),
+        Ok(there) if !there.is_file() => wrong("is no regular file; choose another name"),
+        _ => Ok((folder_of(path), name)),
     }
 }
 
