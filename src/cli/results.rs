@@ -94,11 +94,6 @@ impl Results {
         Ok(())
     }
 
-    /// Where the results go.
-    pub fn folder(&self) -> &Path {
-        &self.output
-    }
-
     /// Pixels of each picture; 0 if none are made.
     pub fn pixels(&self) -> u64 {
         let (width, height) = self.picture.preview_size;
