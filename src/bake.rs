@@ -6,10 +6,10 @@ use crate::{
     BakeOptions, Error, Result, Scene, estimate,
     light::{Census, LampPower, LightSet},
     options::Primary,
-    progress::{Hushed, Progress},
+    progress::Progress,
     report::Report,
     trace::Hit,
-    transfer::{self, Casting, RowKeeper},
+    transfer::RowKeeper,
 };
 
 mod exchange;
@@ -37,7 +37,7 @@ pub use sight::Sight;
 
 use exchange::Exchange;
 use measure::{Clock, Work};
-use outlook::Coming;
+use outlook::{Coming, Purpose};
 use prepared::Prepared;
 use skipped::Found;
 
@@ -122,7 +122,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
             scene.name
         )));
     }
-    let coming = Coming { scene, casting: &casting, plan: needs.plan(&lit), again: None, before };
+    let coming = Coming { scene, casting: &casting, plan: needs.plan(&lit), purpose: Purpose::Light, before };
     coming.begin(&mut kept.rows, options, run.keeper, progress)?;
     let (mut row_rays, mut rows_seconds) = (0, 0.0);
     let blocks_before = kept.rows.blocks().len();
@@ -196,14 +196,7 @@ fn light(prepared: Prepared, options: &BakeOptions, kept: &mut Kept, run: &mut R
     bake.vertices = bake.light(&bake.mesh.samples, options.point_samples, progress);
     clock.stop("vertices")?;
 
-    if options.estimate && kept.marked {
-        // Bakes with other lights take them from what is kept.
-        let has_row = |i: &u32| bake.form_factors.has_row(*i as usize);
-        let again: Vec<u32> = estimate::again(bake.patches().len(), options.seed).into_iter().filter(has_row).collect();
-        let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], &points) };
-        transfer::cast(&casting, &again, &[], &mut kept.again, &mut (), &Hushed(progress))?;
-    }
-    let error = options.estimate.then(|| estimate::estimate(scene, &bake, &points, &kept.again));
+    let error = options.estimate.then(|| estimate::estimate(scene, &bake, &points, kept, progress)).transpose()?;
     if error.is_some() {
         clock.stop("estimate")?;
     }

@@ -10,6 +10,7 @@ use std::{
 };
 
 use command::{luxel, names, stderr, stdout};
+use luxel::output::atomic::Staged;
 use tempfile::TempDir;
 
 /// A room of 2 x 2 x 2 with a lamp under its ceiling, seen from inside.
@@ -264,6 +265,116 @@ fn a_bake_that_fails_leaves_no_folder() {
         assert!(message.contains(flag), "{message}");
     }
     assert_eq!(names(folder.path()), ["room.mtl", "room.obj"]);
+}
+
+#[test]
+fn of_two_processes_that_write_one_file_the_second_is_told_of_the_first() {
+    let (folder, scene) = room();
+    let file = folder.path().join("new/some.lxt");
+    let left = folder.path().join("new/.some.lxt.17.tmp");
+    let prepare = || {
+        let paths = ["prepare", scene.to_str().unwrap(), "-o", file.to_str().unwrap(), "--quiet"];
+        luxel(&[&paths, &QUICK[..]].concat())
+    };
+    let first = Staged::open_file(&file, "the first").unwrap();
+    let output = prepare();
+    assert_eq!(output.status.code(), Some(75));
+    assert!(stderr(&output).contains("some.lxt: in use by the first, process "), "{}", stderr(&output));
+    drop(first);
+    assert!(!folder.path().join("new").exists(), "the first has written nothing");
+
+    fs::create_dir(folder.path().join("new")).unwrap();
+    fs::write(&left, "by a process that was killed").unwrap();
+    assert_eq!(prepare().status.code(), Some(0));
+    assert_eq!(names(&folder.path().join("new")), ["some.lxt"]);
+    assert_eq!(prepare().status.code(), Some(0), "a transfer file may be made anew");
+}
+
+#[test]
+fn a_transfer_file_does_not_take_the_place_of_anything_else() {
+    let (folder, scene) = room();
+    let plan = folder.path().join("plan");
+    let [scene, folder_of_plan] = [&scene, &plan].map(|path| path.to_str().unwrap());
+    luxel(&[&["farm", "plan", scene, "--shards", "1", "-q", "-o", folder_of_plan], &QUICK[..]].concat());
+    for place in [Path::new(scene), &plan.join("plan.lxt")] {
+        let before = fs::read(place).unwrap();
+        let output = luxel(&["prepare", scene, "-o", place.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(stderr(&output).contains("is no transfer file; choose another name"), "{}", stderr(&output));
+        assert!(fs::read(place).unwrap() == before);
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn no_file_takes_the_place_of_a_device_or_pipe() {
+    let (folder, scene) = room();
+    let [socket, points] = ["socket", "points"].map(|name| folder.path().join(name));
+    let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    fs::write(&points, "0 0 0 0 1 0\n").unwrap();
+    let [socket, points, scene] = [&socket, &points, &scene].map(|path| path.to_str().unwrap());
+    for words in [&["prepare", scene, "-o", socket][..], &["points", scene, "--at", points, "-o", socket]] {
+        let output = luxel(&[words, &QUICK[..]].concat());
+        assert_eq!(output.status.code(), Some(1), "{words:?}");
+        assert!(stderr(&output).contains("socket: is no regular file; choose another name"), "{}", stderr(&output));
+        assert!(!stderr(&output).contains("form factors"), "it baked first");
+    }
+}
+
+/// Names of files are bytes there, and need be no text.
+#[cfg(target_os = "linux")]
+#[test]
+fn names_of_files_may_be_any_bytes_and_where_they_may_not_that_is_told_before_the_work() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt, process::Command};
+
+    let (folder, scene) = room();
+    let name = |bytes: &[u8]| folder.path().join(OsStr::from_bytes(bytes));
+    let (odd, plan) = (name(b"new\nline \xff"), name(b"it's a \xfe plan"));
+    fs::create_dir(&odd).unwrap();
+    let [room, cache, out, merged, file] =
+        ["room.obj", "cache", "out", "merged", "some.lxt"].map(|name| odd.join(name));
+    fs::copy(&scene, &room).unwrap();
+    fs::copy(scene.with_extension("mtl"), room.with_extension("mtl")).unwrap();
+    let run = |words: &[&OsStr], more: &[&str]| {
+        let more = more.iter().map(OsStr::new).collect::<Vec<_>>();
+        Command::new(command::LUXEL).args([words, &more].concat()).output().unwrap()
+    };
+    let word = OsStr::new;
+    let all: [(&[&OsStr], &[&str]); 8] = [
+        (
+            &[
+                word("bake"),
+                word("--no-preview"),
+                room.as_ref(),
+                word("--cache"),
+                cache.as_ref(),
+                word("-o"),
+                out.as_ref(),
+            ],
+            &QUICK,
+        ),
+        (&[word("prepare"), room.as_ref(), word("-o"), file.as_ref()], &QUICK),
+        (&[word("relight"), file.as_ref(), word("-o"), out.as_ref()], &["--no-preview"]),
+        (
+            &[word("farm"), word("plan"), room.as_ref(), word("-o"), plan.as_ref()],
+            &["--shards=1", "--grid=6", "--rays=16", "--json-progress"],
+        ),
+        (&[word("farm"), word("shard"), plan.as_ref()], &["0", "--json-progress"]),
+        (&[word("farm"), word("status"), plan.as_ref()], &[]),
+        (&[word("farm"), word("status"), plan.as_ref()], &["--json"]),
+        (&[word("farm"), word("merge"), plan.as_ref(), word("-o"), merged.as_ref()], &["--no-preview"]),
+    ];
+    for (words, more) in all {
+        let output = run(words, more);
+        assert_eq!(output.status.code(), Some(0), "{words:?}: {}", stderr(&output));
+    }
+    let record: serde_json::Value = serde_json::from_slice(&fs::read(out.join("bake.json")).unwrap()).unwrap();
+    assert!(record["command"].to_string().contains("some.lxt"), "{record:#}");
+
+    let output = run(&[word("prepare"), room.as_ref(), word("-o"), name(b"\xfd.lxt").as_ref()], &QUICK);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("must be UTF-8; choose another one"), "{}", stderr(&output));
+    assert!(!stderr(&output).contains("form factors"), "it was prepared first");
 }
 
 fn points(folder: &Path, scene: &Path, text: &str) -> (Output, PathBuf) {

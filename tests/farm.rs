@@ -4,6 +4,7 @@
 mod command;
 
 use std::{
+    collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
     process::{Command, Output},
@@ -410,6 +411,37 @@ fn shards_without_light_are_merged_to_a_file_that_is_lit() {
     assert!(said.contains("add lights with luxel relight"), "{said}");
     ends(&mut merge(&place, &file), 0);
     ends(luxel().arg("relight").arg(&file).args(["--emit", "light=1,1,1", "--quiet", "-o"]).arg(&out).args(PICTURE), 0);
+}
+
+#[test]
+fn results_come_neither_among_the_shards_nor_in_their_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("plan");
+    plan(&place, "1", &[]);
+    cast(&place, 0..1, 2);
+    let files = || {
+        let entries = fs::read_dir(&place).unwrap().map(|entry| entry.unwrap().path());
+        entries.map(|path| (fs::read(&path).ok(), path)).collect::<BTreeSet<_>>()
+    };
+    let before = files();
+    let own =
+        ["plan.lxt", "shard-0.lxt", "SHARD-0.LXT", "shard-7.lxt", "shard-0.checkpoint/a", "logs", "a/../merge.sbatch"];
+    let around = folder.path().join("elsewhere/../plan/.");
+    for to in own.map(|name| place.join(name)).into_iter().chain([place.clone(), around]) {
+        let said = ends(&mut merge(&place, &to), 1);
+        assert!(said.contains(&format!("such as {}", place.join("result").display())), "{to:?}: {said}");
+    }
+    assert!(files() == before);
+    #[cfg(unix)]
+    {
+        let link = folder.path().join("link");
+        std::os::unix::fs::symlink(&place, &link).unwrap();
+        assert!(ends(&mut merge(&place, &link), 1).contains("among its shards"));
+        assert!(ends(&mut merge(&link, &place), 1).contains("among its shards"));
+    }
+    for to in ["result", "shards.lxt", "shard-0/shard-0.lxt"] {
+        ends(&mut merge(&place, &place.join(to)), 0);
+    }
 }
 
 /// Removes the plan when the first rows are there.

@@ -30,10 +30,18 @@ pub(super) struct Coming<'a> {
     pub scene: &'a Scene,
     pub casting: &'a Casting<'a>,
     pub plan: Plan<'a>,
-    /// Rows of other rays that come after them, in a process that makes no light.
-    pub again: Option<usize>,
+    pub purpose: Purpose,
     /// Bytes that the process held before it made the patches.
     pub before: u64,
+}
+
+/// What a process casts rows for.
+#[derive(Clone, Copy)]
+pub(super) enum Purpose {
+    /// To make light of them.
+    Light,
+    /// To write them down, with the replicates of so many rows. It makes no light.
+    Transfer { replicates: usize },
 }
 
 impl Coming<'_> {
@@ -56,14 +64,17 @@ impl Coming<'_> {
 
     /// What the bake will take from the rows on; so many are `known`.
     fn outlook(&self, known: usize, options: &BakeOptions, progress: &dyn Progress) -> Result<Outlook> {
-        let &Coming { scene, casting, plan, again, before } = self;
+        let &Coming { scene, casting, plan, purpose, before } = self;
         let simplified = casting.simplified;
         let reached = scout::reached(casting, plan.start, progress)?;
         // What no light reaches has no row, or one without entries.
         let cast: Vec<u32> = (0..reached.len()).filter(|&i| plan.all || reached[i]).map(|i| i as u32).collect();
         let row_bytes = row_bytes(casting, &cast, progress)?;
         let missing = (1.0 - known as f64 / cast.len().max(1) as f64).max(0.0);
-        let more = again.map_or(0.0, |again| again as f64 / plan.start.len() as f64);
+        let more = match purpose {
+            Purpose::Light => 0.0,
+            Purpose::Transfer { replicates } => replicates as f64 / plan.start.len() as f64,
+        };
         let (corners, vertices) = if options.patches == PatchSource::Surfels {
             mesh(scene, simplified, |patch| reached[patch])
         } else {
@@ -79,7 +90,10 @@ impl Coming<'_> {
             vertices,
             estimate: options.estimate,
         };
-        let outlook = if again.is_some() { Outlook::of_transfer(&sizes) } else { Outlook::new(&sizes) };
+        let outlook = match purpose {
+            Purpose::Light => Outlook::new(&sizes),
+            Purpose::Transfer { .. } => Outlook::of_transfer(&sizes),
+        };
         // That of the shadow rays of the patches, of which there are but so many at a time.
         let rays = plan.start.len() as f64 * options.patch_samples as f64;
         let down_to = (PATCH_POINTS as f64 / rays.max(1.0)).min(1.0);

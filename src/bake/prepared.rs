@@ -2,7 +2,14 @@
 
 use std::borrow::Cow;
 
-use super::{Sight, measure::Clock, needs::Needs, outlook::Coming, tracers::Tracers, vertices};
+use super::{
+    Sight,
+    measure::Clock,
+    needs::Needs,
+    outlook::{Coming, Purpose},
+    tracers::Tracers,
+    vertices,
+};
 use crate::{
     BakeOptions, Result, Scene, estimate, forecast,
     options::PatchSource,
@@ -131,9 +138,9 @@ impl<'a> Prepared<'a> {
         let all = vec![true; self.simplified.patches.len()];
         // What matters to the wanted meshes does not depend on lights.
         let plan = self.needs.plan(&all);
-        let again = if options.estimate { estimate::again(all.len(), options.seed) } else { Vec::new() };
-        let coming =
-            Coming { scene: &self.scene, casting: &casting, plan, again: Some(again.len()), before: self.before };
+        let replicated = if options.estimate { estimate::replicated(all.len(), options.seed) } else { Vec::new() };
+        let purpose = Purpose::Transfer { replicates: replicated.len() };
+        let coming = Coming { scene: &self.scene, casting: &casting, plan, purpose, before: self.before };
         coming.begin(&mut kept.rows, options, keeper, progress)?;
         let mut rays = match &self.needs.near {
             Some(_) => {
@@ -146,8 +153,7 @@ impl<'a> Prepared<'a> {
                 transfer::cast(&casting, &all, &[], &mut kept.rows, keeper, progress)?
             }
         };
-        let casting = Casting { again: 1, marked: false, ..casting };
-        rays += transfer::cast(&casting, &again, &[], &mut kept.again, keeper, progress)?;
+        rays += estimate::replicate(&casting, &replicated, &mut kept.again, keeper, progress)?;
         Ok(rays)
     }
 }

@@ -42,7 +42,7 @@ pub fn run(args: &Args) -> Result<()> {
     let staged = args.results.open()?;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     let bake = job.on_threads(|| {
-        let folder = args.results.folder();
+        let folder = args.results.place();
         let mut keeper = args.memory.keeper(folder, args.results.pixels());
         // A search bakes many times, with settings of its own.
         if goal.target_error.is_none() && goal.budget.is_none() {

@@ -11,14 +11,14 @@ use luxel::{
     Error, Result,
     compare::{self, Difference, Differences, Table},
     output::{
-        atomic::Staged,
+        atomic::{Staged, place_of},
         exr::{self, Compression},
         png,
         tonemap::ToneMap,
     },
 };
 
-use super::{WORSE, parse, points::split, say};
+use super::{WORSE, parse, say};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -124,7 +124,7 @@ fn table(args: &Args, differences: &[Differences]) -> String {
 fn write_picture(path: &Path, a: &Table, b: &Table, of: Kind, judged: Option<&Differences>) -> Result<()> {
     let wrong = |message: &str| Error::Option(format!("--difference {}: {message}", path.display()));
     let image = compare::difference_image(a, b).ok_or_else(|| wrong("needs two EXR images"))?;
-    let (folder, name) = split(path)?;
+    let (folder, name) = place_of(path)?;
     let mut staged = Staged::open(folder)?;
     match path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase().as_str() {
         "exr" => staged.write_path(name, |path| exr::write(path, &image, Compression::Zip))?,

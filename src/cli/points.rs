@@ -12,7 +12,7 @@ use luxel::{
     bake::{Irradiance, Run},
     lxt::Cache,
     output::{
-        atomic::{Staged, folder_of},
+        atomic::{Staged, place_of},
         report::summary,
     },
     progress,
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
     let job = args.bake.load()?;
     let scene = &job.scene;
     let goal = args.bake.goal(&args.goals);
-    let (folder, name) = split(&args.output)?;
+    let (folder, name) = place_of(&args.output)?;
     let cache = args.cache.as_deref().map(Cache::open).transpose()?;
     let mut staged = Staged::open(folder)?;
     let running = &args.bake.running;
@@ -85,16 +85,6 @@ pub fn run(args: &Args) -> Result<()> {
         say(&format!("{:<14}{} points to {}\n", "written", points.len(), args.output.display()));
     }
     Ok(())
-}
-
-/// Folder and name of the output file.
-pub(super) fn split(path: &Path) -> Result<(&Path, &str)> {
-    let name = path.file_name().and_then(|n| n.to_str());
-    let name = name.ok_or_else(|| Error::Option(format!("-o {}: a file name was expected", path.display())))?;
-    if path.is_dir() {
-        return Err(Error::Option(format!("-o {}: is a folder; a file name was expected", path.display())));
-    }
-    Ok((folder_of(path), name))
 }
 
 /// Reads a file of points.

@@ -6,7 +6,7 @@ use luxel::{
     Error, Result,
     bake::{self, Kept, Run},
     lxt::Transfer,
-    output::atomic::folder_of,
+    output::{atomic::folder_of, report::bytes},
 };
 
 use super::{
@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> Result<()> {
     let running = &args.bake.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));
     // A long computation should not find at its end that there is no place for its result.
-    Transfer::check_place(&args.output)?;
+    let _alone = Transfer::claim(&args.output, "luxel prepare")?;
     let (rays, rows, patches) = job.on_threads(|| {
         let mut kept = Kept::default();
         let mut keeper = args.memory.keeper(folder_of(&args.output), 0);
@@ -46,13 +46,13 @@ pub fn run(args: &Args) -> Result<()> {
         let line = |name: &str, value: String| say(&format!("{name:<14}{value}\n"));
         line("scene", format!("{}: {} triangles", job.scene.name, job.scene.triangles.len()));
         line("patches", patches.to_string());
-        line("rays", format!("{rays} for rows of {} MB", rows / 1_000_000));
+        line("rays", format!("{rays} for rows of {}", bytes(rows as u64)));
         line("seconds", format!("{:.2}", begun.elapsed().as_secs_f64()));
         for warning in &job.scene.warnings {
             line("warning", warning.clone());
         }
         let size = std::fs::metadata(&args.output).map_err(|e| Error::io(&args.output, e))?.len();
-        line("written to", format!("{}, {} MB", args.output.display(), size / 1_000_000));
+        line("written to", format!("{}, {}", args.output.display(), bytes(size)));
     }
     Ok(())
 }

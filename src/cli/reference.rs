@@ -8,7 +8,7 @@ use std::{
 use glam::Vec3;
 use luxel::{
     Result,
-    output::atomic::Staged,
+    output::atomic::{Staged, place_of},
     reference::{Reference, ReferenceOptions, Until},
     trace,
 };
@@ -16,7 +16,7 @@ use luxel::{
 use super::{
     args::SceneArgs,
     parse,
-    points::{Point, read, split},
+    points::{Point, read},
     progress::{Style, Terminal},
     say,
 };
@@ -46,7 +46,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     let points = read(&args.at)?;
     let job = args.scene.load()?;
-    let (folder, name) = split(&args.output)?;
+    let (folder, name) = place_of(&args.output)?;
     let mut staged = Staged::open(folder)?;
     let running = &args.scene.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));

@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<()> {
     match done {
         Some((scene, bake)) => args.results.tell(&scene, &bake, &args.running),
         None if args.running.quiet || args.running.json_progress => {}
-        None => say(&format!("{:<14}{}\n", "written to", args.results.folder().display())),
+        None => say(&format!("{:<14}{}\n", "written to", args.results.place().display())),
     }
     Ok(())
 }

@@ -94,11 +94,6 @@ impl Results {
         Ok(())
     }
 
-    /// Where the results go.
-    pub fn folder(&self) -> &Path {
-        &self.output
-    }
-
     /// Pixels of each picture; 0 if none are made.
     pub fn pixels(&self) -> u64 {
         let (width, height) = self.picture.preview_size;
@@ -192,7 +187,8 @@ fn write(
     }
     bake.report.stages.push(Stage { name: "output", seconds: begun.elapsed().as_secs_f64() });
     bake.report.peak_memory_bytes = peak_memory_bytes();
-    let command: Vec<String> = std::env::args().collect();
+    // Names of files need not be text.
+    let command: Vec<String> = std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let record = Record { command: &command, scene: &scene.name, report: &bake.report, preview: record };
     staged.write("bake.json", |out| record.write(out))?;
     go_on()?;

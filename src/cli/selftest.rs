@@ -4,7 +4,7 @@ use std::{path::PathBuf, process::ExitCode};
 
 use luxel::{
     Error, Result,
-    output::atomic::Staged,
+    output::atomic::{Staged, place_of},
     selftest::{self, Selftest},
 };
 
@@ -12,7 +12,6 @@ use super::{
     WORSE,
     args::{Running, on_threads},
     choices::Tracer,
-    points::split,
     progress::{Style, Terminal},
     say,
 };
@@ -33,7 +32,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<ExitCode> {
     let mut json = None;
     if let Some(path) = &args.json {
-        let (folder, name) = split(path)?;
+        let (folder, name) = place_of(path)?;
         json = Some((Staged::open(folder)?, name));
     }
     let given: Vec<_> = args.backend.iter().map(|&backend| backend.into()).collect();

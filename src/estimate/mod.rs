@@ -15,16 +15,17 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::{
-    Scene,
-    bake::Bake,
+    Result, Scene,
+    bake::{Bake, Kept},
     colour::luminance,
     light::LightSet,
+    progress::Progress,
     reconstruct::{self, Stencils},
     report::{ErrorParts, ErrorReport},
     sampling,
     scene::SurfacePoint,
     simplify::NO_PATCH,
-    transfer::{RowPoints, Rows},
+    transfer::RowPoints,
 };
 
 mod coarse;
@@ -32,13 +33,15 @@ mod gathers;
 mod local;
 mod patches;
 mod peak;
+mod replicates;
 mod spread;
 
-pub(crate) use patches::again;
+pub(crate) use replicates::{replicate, replicated};
 
 use coarse::Coarse;
 use local::Local;
 use patches::Field;
+use replicates::Replicates;
 
 /// Standard error of the luminance of irradiance at the vertices of a bake, W/m2.
 #[derive(Clone, Debug, Default)]
@@ -78,8 +81,19 @@ struct Variance {
 
 /// Estimates the error of `bake`. Same bake, same bits, on any number of threads.
 ///
-/// `again` holds rows of other rays; those that are not there are cast. Errors are those of luminance, relative to its mean; all means are over the area of the split mesh.
-pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again: &Rows) -> (ErrorReport, VertexError) {
+/// Errors are those of luminance, relative to its mean; all means are over the area of the split mesh. `row_points` are those of
+/// the rows, whose replicates go to `kept` and are taken from there.
+///
+/// # Errors
+/// [`Error::Interrupted`](crate::Error::Interrupted), while replicates are cast.
+pub(crate) fn estimate(
+    scene: &Scene,
+    bake: &Bake,
+    row_points: &RowPoints,
+    kept: &mut Kept,
+    progress: &dyn Progress,
+) -> Result<(ErrorReport, VertexError)> {
+    let replicates = Replicates::new(bake, row_points, kept, progress)?;
     let looked_at = LookedAt::choose(bake);
     let points = &looked_at.points;
     // The first sample is there, where it stands alone.
@@ -92,10 +106,10 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
     );
     if let Some(glow) = &bake.glow {
         let field = Field { received: glow, sent: &bake.patches().emitted, reflects: false };
-        direct.add(&patches::variance(bake, &coarse, &field, &looked_at, row_points, again));
+        direct.add(&patches::variance(bake, &coarse, &field, &looked_at, &replicates));
     }
     let field = Field { received: &bake.smooth, sent: &bake.carried, reflects: true };
-    let mut indirect = patches::variance(bake, &coarse, &field, &looked_at, row_points, again);
+    let mut indirect = patches::variance(bake, &coarse, &field, &looked_at, &replicates);
     if let Some(bright) = &bake.bright {
         indirect.add(&Variance::of_shadow_rays(bake, bright, points, None));
     }
@@ -119,7 +133,7 @@ pub(crate) fn estimate(scene: &Scene, bake: &Bake, row_points: &RowPoints, again
         vertices: points.len(),
         peak,
     };
-    (report, VertexError { direct: of_direct, indirect: of_indirect, total })
+    Ok((report, VertexError { direct: of_direct, indirect: of_indirect, total }))
 }
 
 /// Vertices whose errors are measured, and told of all.

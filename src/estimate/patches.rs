@@ -4,19 +4,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LookedAt, Variance, chosen,
+    LookedAt, Variance,
     coarse::{Coarse, CoarseLight},
     gathers,
     local::Local,
+    replicates::Replicates,
 };
-use crate::{
-    bake::Bake,
-    colour::luminance,
-    options::Reconstruct,
-    reconstruct, sampling,
-    scene::SurfacePoint,
-    transfer::{self, Casting, RowPoints, Rows},
-};
+use crate::{bake::Bake, colour::luminance, options::Reconstruct, reconstruct, sampling, scene::SurfacePoint};
 
 /// A light that patches send each other by form factors.
 pub struct Field<'a> {
@@ -28,12 +22,7 @@ pub struct Field<'a> {
     pub reflects: bool,
 }
 
-/// Share of the rows that are cast again.
-const SHARE: f64 = 1.0 / 16.0;
-/// Rows that are cast again at least, where there are as many.
-const LEAST: usize = 512;
-/// Purpose words of random bits.
-const CHOICE: u64 = 0x726f_7773;
+/// Purpose word of random bits.
 const SIGNS: u64 = 0x7369_676e;
 /// Discretisation errors fall about as this power of the voxel size: between 0.9 and 1.4 from grid 16 to 64 on the Cornell
 /// box, a room with curved surfaces and two rooms with a door.
@@ -47,10 +36,9 @@ pub(super) fn variance(
     coarse: &Coarse,
     field: &Field,
     looked_at: &LookedAt,
-    row_points: &RowPoints,
-    again: &Rows,
+    replicates: &Replicates,
 ) -> Variance {
-    let (light, rows) = rayon::join(|| coarse.light(bake, field), || row_noise(bake, field, row_points, again));
+    let (light, rows) = rayon::join(|| coarse.light(bake, field), || row_noise(bake, field, replicates));
     let (fitted, mut variance) = interpolated(bake, coarse, field, &light, looked_at, &rows);
     gathers::correct(bake, field, &light.sent, looked_at, &fitted, &mut variance);
     variance
@@ -105,18 +93,11 @@ pub(super) fn detail_of(square: f64) -> f64 {
     square / (2.0_f64.powf(ORDER) - 1.0).powi(2)
 }
 
-/// Patches, of so many, whose rows are cast again.
-pub fn again(patches: usize, seed: u64) -> Vec<u32> {
-    chosen(patches, SHARE, LEAST, seed ^ CHOICE)
-}
-
-/// Variance of the irradiance of rows: some are cast again, and meet the radiosity that is known.
-fn row_noise(bake: &Bake, field: &Field, points: &RowPoints, rows: &Rows) -> Local {
-    let (f, patches, options) = (&bake.form_factors, bake.patches(), &bake.options);
-    let picked: Vec<u32> = again(patches.len(), options.seed).into_iter().filter(|&i| f.has_row(i as usize)).collect();
+/// Variance of the irradiance of rows: their replicates meet the radiosity that is known.
+fn row_noise(bake: &Bake, field: &Field, replicates: &Replicates) -> Local {
+    let (patches, picked) = (bake.patches(), &replicates.patches);
     let sent: Vec<f32> = field.sent.iter().map(|b| luminance(*b) as f32).collect();
-    let casting = Casting { again: 1, ..Casting::new(&bake.simplified, bake.patch_tracer(), &[], points) };
-    let received = transfer::receive(&casting, &picked, &sent, f.is_closed(), rows);
+    let received = replicates.receive(&sent, bake.form_factors.is_closed());
 
     let light = |i: u32| luminance(field.received[i as usize]);
     let area: f64 = picked.iter().map(|&i| patches.area[i as usize] as f64).sum();

@@ -103,15 +103,15 @@ impl Work<'_> {
         let Outlined { outline, points, tracer, .. } = self.outlined;
         let (simplified, options) = (self.simplified, self.options);
         let patches = simplified.patches.len();
-        let mut is_again = vec![false; patches];
+        let mut is_replicated = vec![false; patches];
         if options.estimate {
-            estimate::again(patches, options.seed).into_iter().for_each(|i| is_again[i as usize] = true);
+            estimate::replicated(patches, options.seed).into_iter().for_each(|i| is_replicated[i as usize] = true);
         }
         let of = |list: &[bool], i: usize| list.get(i).is_some_and(|&is| is);
         let rays = |i: usize| {
             let own = if of(&outline.spared, i) { 0 } else { transfer::row_length(options.rays, of(&outline.few, i)) };
-            let again = if is_again[i] { options.rays } else { 0 };
-            if of(&outline.outer, i) { 0 } else { own + again }
+            let replicate = if is_replicated[i] { options.rays } else { 0 };
+            if of(&outline.outer, i) { 0 } else { own + replicate }
         };
         let starts: Vec<usize> = (0..patches).step_by(ROWS_A_BLOCK).collect();
         let block = |first: &usize| (*first..patches.min(first + ROWS_A_BLOCK)).map(rays).map(f64::from).sum::<f64>();

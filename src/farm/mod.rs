@@ -22,6 +22,7 @@
 //! The first two are [containers](crate::lxt::Container), the third is a [checkpoint](crate::lxt::Checkpoint).
 
 mod balance;
+mod folder;
 mod merge;
 mod plan;
 mod shard;

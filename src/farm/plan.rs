@@ -18,6 +18,7 @@ use crate::{
         rows::{self, ROWS},
         simplified, source, stencils, write_file,
     },
+    output::atomic::{Staged, sweep},
     scene::{Source, SurfacePoint},
     simplify::Simplified,
     trace::RayTracer,
@@ -32,7 +33,7 @@ pub(super) const SIGHT: Name = Name::new("sight");
 const SHARDS: Name = Name::new("shards");
 
 /// Name of the file in the folder.
-const FILE: &str = "plan.lxt";
+pub(super) const FILE: &str = "plan.lxt";
 
 /// An open plan.
 pub struct Plan {
@@ -66,6 +67,7 @@ impl Plan {
         let _lock = Lock::folder(folder, "luxel farm plan")?;
         // Another process may have made one before it left the lock.
         let path = Plan::check_place(folder)?;
+        sweep(folder, FILE);
         let identity = Identity::new(scene, options)?;
         let mut kept = Kept::default();
         let outlined = bake::outline(scene, options, &mut kept, run)?;
@@ -105,7 +107,7 @@ impl Plan {
                 path.display()
             )));
         }
-        crate::output::atomic::Staged::open(folder)?.commit()?;
+        Staged::open(folder)?.commit()?;
         Ok(path)
     }
 
@@ -220,7 +222,7 @@ impl Plan {
         let is_spared = |i: &u32| outline.spared.get(*i as usize).is_some_and(|&spared| spared);
         let rows = range.clone().filter(|i| !is_spared(i)).collect();
         let again = self.again.get_or_init(|| match self.options.estimate {
-            true => estimate::again(self.patches(), self.options.seed),
+            true => estimate::replicated(self.patches(), self.options.seed),
             false => Vec::new(),
         });
         let at = |patch: u32| again.partition_point(|&i| i < patch);

@@ -11,6 +11,7 @@ use super::{
 use crate::{
     Error, Result,
     bake::{self, Outline, ROWS_A_BLOCK, Run},
+    estimate,
     lock::Lock,
     lxt::{
         Checkpoint, Container, Identity, Name,
@@ -290,8 +291,7 @@ impl Journal<'_> {
     ) -> Result<u64> {
         let rays = transfer::cast(casting, own, few, rows, self, progress)?;
         self.again = true;
-        let casting = Casting { again: 1, marked: false, ..*casting };
-        Ok(rays + transfer::cast(&casting, other, &[], again, self, progress)?)
+        Ok(rays + estimate::replicate(casting, other, again, self, progress)?)
     }
 }
 

@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{Error, Result};
 
-const ARRAY: &str = "array.sbatch";
-const MERGE: &str = "merge.sbatch";
-const LOGS: &str = "logs";
+pub(super) const ARRAY: &str = "array.sbatch";
+pub(super) const MERGE: &str = "merge.sbatch";
+pub(super) const LOGS: &str = "logs";
 
 /// What to submit.
 #[derive(Clone, Copy)]
@@ -57,8 +57,8 @@ pub struct Batch {
 /// Makes the jobs of a plan. Nothing is written or submitted.
 ///
 /// # Errors
-/// [`Error::Option`]: an option of `sbatch` that the plan decides; a path that is no UTF-8. [`Error::Scheduler`]: this
-/// Slurm takes no arrays.
+/// [`Error::Option`]: an option of `sbatch` that the plan decides; a path that is no UTF-8; those of
+/// [`Plan::check_output`]. [`Error::Scheduler`]: this Slurm takes no arrays.
 pub fn batch(submission: &Submission) -> Result<Batch> {
     if let Some(option) = submission.options.iter().find(|option| decided(option)) {
         return Err(Error::Option(format!(
@@ -66,6 +66,7 @@ pub fn batch(submission: &Submission) -> Result<Batch> {
         )));
     }
     let folder = submission.plan.folder();
+    submission.plan.check_output(submission.output)?;
     let paths = ["plan", "output"].into_iter().zip([folder, submission.output]);
     let assignments: Vec<String> =
         paths.map(|(name, path)| Ok(format!("{name}={}", quoted(&text(path)?)))).collect::<Result<_>>()?;

@@ -9,6 +9,8 @@ use bytemuck::Pod;
 use bytes::Bytes;
 use rayon::prelude::*;
 
+use super::raw;
+
 /// Plain values one after the other: in memory of their own, or where a file that is mapped has them. These are copied
 /// when somebody wants to change them.
 #[derive(Clone)]
@@ -22,19 +24,16 @@ pub struct Array<T> {
 impl<T: Pod> Array<T> {
     /// The values that `bytes` are, in the machine's layout; `None` if they are no whole number of values.
     pub fn of_bytes(bytes: Bytes) -> Option<Array<T>> {
-        if !bytes.len().is_multiple_of(size_of::<T>()) {
-            return None;
+        match bytemuck::try_cast_slice::<u8, T>(&bytes) {
+            Ok(_) => Some(Array { own: Vec::new(), mapped: Some(bytes) }),
+            Err(_) => raw::copied(&bytes).map(Into::into),
         }
-        if bytemuck::try_cast_slice::<u8, T>(&bytes).is_ok() {
-            return Some(Array { own: Vec::new(), mapped: Some(bytes) });
-        }
-        Some(bytemuck::pod_collect_to_vec::<u8, T>(&bytes).into())
     }
 
     /// The list, in memory of its own from now on.
     pub fn own(&mut self) -> &mut Vec<T> {
-        if let Some(bytes) = self.mapped.take() {
-            self.own = bytemuck::pod_collect_to_vec(&bytes);
+        if self.mapped.is_some() {
+            *self = self.to_vec().into();
         }
         &mut self.own
     }

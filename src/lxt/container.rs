@@ -2,6 +2,8 @@
 
 use std::{
     collections::HashMap,
+    fs::File,
+    io::Read,
     path::{Path, PathBuf},
     sync::OnceLock,
 };
@@ -65,6 +67,17 @@ impl Container {
             return Err(damaged(path));
         }
         Ok(Container { path: path.into(), bytes, blocks, by_name, hash: footer.hash })
+    }
+
+    /// What the file `path` is for, as its first bytes say, whatever its format and state; `None` if it is none of luxel's own.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub fn purpose(path: &Path) -> Result<Option<Name>> {
+        let mut start = Vec::new();
+        let read = File::open(path).and_then(|file| file.take(size_of::<Header>() as u64).read_to_end(&mut start));
+        read.map_err(|e| Error::io(path, e))?;
+        Ok(struct_at::<Header>(&start, 0).filter(|header| header.magic == MAGIC).map(|header| header.purpose))
     }
 
     /// The file.

@@ -19,9 +19,11 @@ pub fn serialize<T: NoUninit, S: Serializer>(array: &[T], serializer: S) -> Resu
 ///
 /// # Errors
 /// If the bytes are no whole number of elements.
-pub fn deserialize<'de, T: AnyBitPattern, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+pub fn deserialize<'de, T: NoUninit + AnyBitPattern, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
     struct Array<T>(PhantomData<T>);
-    impl<T: AnyBitPattern> de::Visitor<'_> for Array<T> {
+    impl<T: NoUninit + AnyBitPattern> de::Visitor<'_> for Array<T> {
         type Value = Vec<T>;
 
         fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
@@ -29,13 +31,13 @@ pub fn deserialize<'de, T: AnyBitPattern, D: Deserializer<'de>>(deserializer: D)
         }
 
         fn visit_bytes<E: de::Error>(self, bytes: &[u8]) -> Result<Vec<T>, E> {
-            let elements = bytes.chunks_exact(size_of::<T>());
-            if elements.remainder().is_empty() {
-                Ok(elements.map(bytemuck::pod_read_unaligned).collect())
-            } else {
-                Err(E::invalid_length(bytes.len(), &self))
-            }
+            copied(bytes).ok_or_else(|| E::invalid_length(bytes.len(), &self))
         }
     }
     deserializer.deserialize_bytes(Array(PhantomData))
+}
+
+/// The elements that `bytes` are, wherever these lie; `None` if they are no whole number of them.
+pub(super) fn copied<T: NoUninit + AnyBitPattern>(bytes: &[u8]) -> Option<Vec<T>> {
+    bytes.len().is_multiple_of(size_of::<T>()).then(|| bytemuck::pod_collect_to_vec(bytes))
 }

@@ -1,6 +1,7 @@
 //! Transfer files: a scene and all that a bake of it needs, whatever its lights and colours will be.
 
 use std::{
+    fs,
     io::{self, Write},
     path::Path,
 };
@@ -13,7 +14,7 @@ use super::{
 use crate::{
     BakeOptions, Error, Result, Scene,
     bake::{AGAIN_A_BLOCK, Kept, ROWS_A_BLOCK},
-    output::atomic::{Staged, folder_of},
+    output::atomic::Staged,
     scene::{SceneOverrides, Source},
 };
 
@@ -87,15 +88,23 @@ impl Transfer {
         })
     }
 
-    /// Proves that the file `path` can be written; makes its folder if it is missing.
+    /// Makes sure that a transfer file can be written at `path`: its folder is made if it is missing, and the place is this
+    /// process's alone as long as what is returned lives; `work` says what for. Nothing is overwritten but a transfer file, of
+    /// whatever version.
     ///
     /// # Errors
-    /// [`Error::Io`] with the path.
-    pub fn check_place(path: &Path) -> Result<()> {
-        if path.is_dir() {
-            return Err(Error::io(path, std::io::Error::other("is a folder; the name of a file was expected")));
+    /// Those of [`Staged::open_file`]; [`Error::Option`] if there is another file.
+    pub fn claim(path: &Path, work: &str) -> Result<Staged> {
+        let staged = Staged::open_file(path, work)?;
+        let is_other = match fs::metadata(path) {
+            Ok(there) => there.len() > 0 && Container::purpose(path)? != Some(Transfer::PURPOSE),
+            Err(_) => false,
+        };
+        if is_other {
+            let problem = "is there already, and is no transfer file; choose another name, or remove it";
+            return Err(Error::Option(format!("{}: {problem}", path.display())));
         }
-        Staged::open(folder_of(path))?.commit().map(drop)
+        Ok(staged)
     }
 
     /// Opens a file, and compares all of it with its checksums.

@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::layout::{ALIGNMENT, END, Entry, FORMAT, Footer, Header, MAGIC, Name, aligned};
 use crate::{
-    Error, Result,
-    output::atomic::{Staged, folder_of},
+    Result,
+    output::atomic::{Staged, place_of},
 };
 
 /// Writes a container block by block; nothing of it is kept but the table.
@@ -155,15 +155,14 @@ impl<W: Write> Write for Payload<'_, W> {
 /// Writes the file `path` whole or not at all; its folder is made if it is missing.
 ///
 /// # Errors
-/// [`Error::Io`] with the file's path; what was there before stays.
+/// [`Error::Io`] with the file's path; those of [`place_of`]. What was there before stays.
 pub fn write_file(
     path: &Path,
     purpose: Name,
     fill: impl FnOnce(&mut Writer<&mut dyn Write>) -> io::Result<()>,
 ) -> Result<()> {
-    let name = path.file_name().and_then(|name| name.to_str());
-    let name = name.ok_or_else(|| Error::io(path, io::Error::other("is no name of a file")))?;
-    let mut staged = Staged::open(folder_of(path))?;
+    let (folder, name) = place_of(path)?;
+    let mut staged = Staged::open(folder)?;
     staged.write(name, |out| {
         let mut writer = Writer::new(out, purpose)?;
         fill(&mut writer)?;

@@ -1,6 +1,7 @@
 //! Output files that are whole or absent: written beside their place, moved there together at the end.
 
 use std::{
+    ffi::OsStr,
     fs::{self, File},
     hash::{BuildHasher, Hasher, RandomState},
     io::{self, BufWriter, Write},
@@ -12,6 +13,25 @@ use crate::{Error, Result, lock::Lock};
 /// The folder of a file.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Folder and name of an output file.
+///
+/// # Errors
+/// [`Error::Option`] if the path is that of a folder or a device, which would be lost; or if the name is no UTF-8: others are
+/// made of it.
+pub fn place_of(path: &Path) -> Result<(&Path, &str)> {
+    let wrong = |what: &str| Err(Error::Option(format!("{}: {what}", path.display())));
+    let name = match path.file_name().map(OsStr::to_str) {
+        Some(Some(name)) => name,
+        Some(None) => return wrong("the name of an output file must be UTF-8; choose another one"),
+        None => return wrong("is a folder; a file name was expected"),
+    };
+    match fs::metadata(path) {
+        Ok(there) if there.is_dir() => wrong("is a folder; a file name was expected"),
+        Ok(there) if !there.is_file() => wrong("is no regular file; choose another name"),
+        _ => Ok((folder_of(path), name)),
+    }
 }
 
 /// A set of output files of one folder.
@@ -69,6 +89,19 @@ impl Staged {
     pub fn open_alone(folder: &Path, work: &str) -> Result<Staged> {
         let mut staged = Staged::open(folder)?;
         staged.lock = Some(Lock::folder(folder, work)?);
+        Ok(staged)
+    }
+
+    /// As [`Staged::open`] for the folder of the file `path`, which is for this process alone as long as it lives; `work` says
+    /// what for. Temporary files that killed processes have left of it are removed.
+    ///
+    /// # Errors
+    /// Those of [`Staged::open`] and [`place_of`]; [`Error::Busy`] if another process holds the file.
+    pub fn open_file(path: &Path, work: &str) -> Result<Staged> {
+        let (folder, name) = place_of(path)?;
+        let mut staged = Staged::open(folder)?;
+        staged.lock = Some(Lock::take(path, folder.join(format!(".{name}.lock")), work)?);
+        sweep(folder, name);
         Ok(staged)
     }
 

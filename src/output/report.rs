@@ -203,7 +203,8 @@ fn short(x: f64) -> String {
     format!("{x:.*}", (4 - before).clamp(0, 6) as usize)
 }
 
-fn bytes(n: u64) -> String {
+/// A number of bytes for people to read: `1.5 kB`.
+pub fn bytes(n: u64) -> String {
     match n {
         0..1_000 => format!("{n} B"),
         1_000..1_000_000 => format!("{:.1} kB", n as f64 / 1e3),
