@@ -7,6 +7,7 @@
 //! how well they hold (see ARCHITECTURE.md).
 
 use crate::{
+    lxt::map::WINDOWS_RESIDENT,
     output::report::{mapped_bytes, memory_bytes, peak_memory_bytes},
     simplify::Pieces,
     solve::UNPACKED_PATCH,
@@ -199,11 +200,13 @@ impl Outlook {
 
     /// The largest memory before pictures and with them, each with what of it is for pictures.
     fn parts(&self, pixels: u64, spilled: bool) -> [[u64; 2]; 2] {
-        let (rows, unpacked) = if spilled { (0, 0) } else { (self.rows, self.unpacked) };
+        // Few of those that are spilled are in memory at a time.
+        let (rows, unpacked, shown) =
+            if spilled { (0, 0, self.rows.min(WINDOWS_RESIDENT as u64)) } else { (self.rows, self.unpacked, 0) };
         let needed = rows + self.solved;
-        let solving = self.held + needed.saturating_sub(self.reused).max(needed / FRESH);
+        let solving = self.held + shown + needed.saturating_sub(self.reused).max(needed / FRESH);
         let largest = solving + unpacked.max(self.corners + self.rest).max(self.later);
-        let done = self.held + (rows + self.lasting).saturating_sub(self.reused);
+        let done = self.held + shown + (rows + self.lasting).saturating_sub(self.reused);
         let of_pictures = (pixels as f64 * PIXEL) as u64;
         [[self.peak.max(largest), 0], [done + of_pictures, of_pictures]]
     }
@@ -234,8 +237,8 @@ mod tests {
         // What comes later may be more, or what was there before.
         assert_eq!(Outlook { later: 70 * mb, ..outlook }.most(0, false), 210 * mb);
         assert_eq!(Outlook { unpacked: 80 * mb, ..outlook }.most(0, false), 220 * mb);
-        // A fifth of the 10 MB needs new memory.
-        assert_eq!(outlook.most(0, true), 152 * mb);
+        // A fifth of the 10 MB needs new memory, and so does what is seen of the file.
+        assert_eq!(outlook.most(0, true), 156 * mb);
         // Nothing is below what was held already.
         let held = Outlook { peak: 210 * mb, ..outlook };
         assert_eq!(held.most(0, false), 210 * mb);

@@ -53,7 +53,7 @@ struct Span {
     ends: Vec<u32>,
 }
 
-/// Columns and counts of a span while they are unpacked.
+/// Columns and counts of a span, while rows are unpacked.
 #[derive(Clone, Default)]
 struct Unpacking {
     columns: Vec<u16>,
