@@ -120,7 +120,7 @@ pub(crate) const STENCIL: usize = 24 + 4 + 8 * 8;
 /// About half of that again while it is found.
 const FOUND: usize = 48;
 /// Bytes a pixel while pictures are written.
-const PIXEL: f64 = 250.0;
+const PIXEL: f64 = 280.0;
 
 impl Outlook {
     pub(crate) fn new(sizes: &Sizes) -> Outlook {
