@@ -7,6 +7,7 @@
 //! how well they hold (see ARCHITECTURE.md).
 
 use crate::{
+    lxt::map::WINDOWS_RESIDENT,
     output::report::{mapped_bytes, memory_bytes, peak_memory_bytes},
     simplify::Pieces,
     solve::UNPACKED_PATCH,
@@ -21,7 +22,7 @@ pub struct Outlook {
     pub peak: u64,
     /// The form factors.
     pub rows: u64,
-    /// The rows that are unpacked to solve the system; not if rows are spilled.
+    /// The rows that are unpacked to solve the system; not if rows are spilled. They are gone before what comes next.
     pub unpacked: u64,
     /// What solving adds besides.
     pub solved: u64,
@@ -105,11 +106,9 @@ const LASTING_PATCH: f64 = 200.0;
 /// Bytes a patch while the error is estimated.
 const ESTIMATED_PATCH: f64 = 180.0;
 /// Share of what the process holds without using it that serves rows and the solver: the rest lies in pieces.
-const REUSED: f64 = 0.7;
+const REUSED: f64 = 0.6;
 /// Share of rows and solver that finds no room in what is free, however much there is.
 const FRESH: u64 = 5;
-/// Share of the unpacked rows that serves what comes after them.
-const SERVES_AGAIN: u64 = 2;
 /// What the heap of a thread keeps of what it has freed. That of two threads is in the other constants.
 const HEAP: f64 = 2.4e6;
 /// Foretold before there is anything: what the rays of the patches' direct light leave to be used again, and what all before
@@ -121,7 +120,7 @@ pub(crate) const STENCIL: usize = 24 + 4 + 8 * 8;
 /// About half of that again while it is found.
 const FOUND: usize = 48;
 /// Bytes a pixel while pictures are written.
-const PIXEL: f64 = 250.0;
+const PIXEL: f64 = 280.0;
 
 impl Outlook {
     pub(crate) fn new(sizes: &Sizes) -> Outlook {
@@ -201,13 +200,13 @@ impl Outlook {
 
     /// The largest memory before pictures and with them, each with what of it is for pictures.
     fn parts(&self, pixels: u64, spilled: bool) -> [[u64; 2]; 2] {
-        let (rows, unpacked) = if spilled { (0, 0) } else { (self.rows, self.unpacked) };
-        let needed = rows + unpacked + self.solved;
-        let solving = self.held + needed.saturating_sub(self.reused).max(needed / FRESH);
-        let again = unpacked / SERVES_AGAIN;
-        let meshing = self.corners + self.rest.saturating_sub(again);
-        let largest = solving + meshing.max(self.later.saturating_sub(again));
-        let done = self.held + (rows + self.lasting).saturating_sub(self.reused);
+        // Few of those that are spilled are in memory at a time.
+        let (rows, unpacked, shown) =
+            if spilled { (0, 0, self.rows.min(WINDOWS_RESIDENT as u64)) } else { (self.rows, self.unpacked, 0) };
+        let needed = rows + self.solved;
+        let solving = self.held + shown + needed.saturating_sub(self.reused).max(needed / FRESH);
+        let largest = solving + unpacked.max(self.corners + self.rest).max(self.later);
+        let done = self.held + shown + (rows + self.lasting).saturating_sub(self.reused);
         let of_pictures = (pixels as f64 * PIXEL) as u64;
         [[self.peak.max(largest), 0], [done + of_pictures, of_pictures]]
     }
@@ -233,12 +232,13 @@ mod tests {
             reused: 20 * mb,
             voxels: None,
         };
-        // 80 MB less 20 that are there, the corners, and 30 less half of what was unpacked.
-        assert_eq!(outlook.most(0, false), 200 * mb);
-        // What comes later may be more.
-        assert_eq!(Outlook { later: 70 * mb, ..outlook }.most(0, false), 220 * mb);
-        // A fifth of the 10 MB needs new memory.
-        assert_eq!(outlook.most(0, true), 152 * mb);
+        // 60 MB less 20 that are there, the corners, and 30.
+        assert_eq!(outlook.most(0, false), 190 * mb);
+        // What comes later may be more, or what was there before.
+        assert_eq!(Outlook { later: 70 * mb, ..outlook }.most(0, false), 210 * mb);
+        assert_eq!(Outlook { unpacked: 80 * mb, ..outlook }.most(0, false), 220 * mb);
+        // A fifth of the 10 MB needs new memory, and so does what is seen of the file.
+        assert_eq!(outlook.most(0, true), 156 * mb);
         // Nothing is below what was held already.
         let held = Outlook { peak: 210 * mb, ..outlook };
         assert_eq!(held.most(0, false), 210 * mb);

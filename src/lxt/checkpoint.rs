@@ -191,6 +191,7 @@ impl Checkpoint {
         };
         for (block, again) in blocks {
             put(file, &[&rows::head(block, *again)?, &block.bytes, &block.marks])?;
+            block.was_read(block.bytes.len() + block.marks.len());
         }
         Ok(())
     }

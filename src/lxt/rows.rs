@@ -94,7 +94,7 @@ fn parts(payload: &Bytes, again: bool) -> std::result::Result<Block, String> {
     let rows = rows.ok_or("holds a row of no known kind")?;
     let begin = size_of::<Head>() + records;
     let (bytes, marks) = (payload.slice(begin..begin + bytes), payload.slice(begin + bytes..));
-    Ok(Block { rows, bytes, marks, coded: None })
+    Ok(Block { rows, bytes, marks, ..Block::default() })
 }
 
 /// Whether entries that are read are looked at.

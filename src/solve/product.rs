@@ -1,5 +1,8 @@
 //! F x, again and again: the rows of the patches that take part, unpacked.
 
+use std::{io, ops::Range};
+
+use memmap2::MmapMut;
 use rayon::prelude::*;
 
 use crate::transfer::FormFactors;
@@ -24,22 +27,37 @@ pub(super) struct Product<'a, const N: usize> {
 }
 
 enum Entries<'a, const N: usize> {
-    /// The spans of every chunk.
-    Unpacked(Vec<Vec<Span>>),
+    Unpacked(Vec<Chunk>),
     /// The matrix, and room for x by patch.
     Coded(&'a FormFactors, Vec<[f64; N]>),
+}
+
+/// The rows of a chunk.
+struct Chunk {
+    /// Columns of all entries, from the first of their span on, 16 bits each; and hits; zero: the next of `many`. They are most
+    /// of what solving takes, and maps of their own: the system has these back at once, where an allocator keeps them for the
+    /// thread that unpacked them, or does not, as it happens.
+    columns: MmapMut,
+    counts: MmapMut,
+    spans: Vec<Span>,
 }
 
 /// Entries of the rows of a chunk in one span of columns, row after row.
 #[derive(Clone, Default)]
 struct Span {
-    /// Columns, from the first of the span on.
-    columns: Vec<u16>,
-    /// Hits; zero: the next of `many`.
-    counts: Vec<u8>,
+    /// Where they lie among those of the chunk.
+    entries: Range<usize>,
+    /// Hits that 8 bits do not hold.
     many: Vec<u32>,
     /// Where each row ends.
     ends: Vec<u32>,
+}
+
+/// Columns and counts of a span, while rows are unpacked.
+#[derive(Clone, Default)]
+struct Unpacking {
+    columns: Vec<u16>,
+    counts: Vec<u8>,
 }
 
 /// Rows are unpacked up to so many bytes a patch, on the average: those of many rays took so long that solving does not.
@@ -57,14 +75,10 @@ impl<'a, const N: usize> Product<'a, N> {
         let patches: Vec<u32> = (0..f.len()).into_par_iter().filter(|&i| takes_part(i)).map(|i| i as u32).collect();
         let chunk = (patches.len() / CHUNKS).clamp(*ROWS.start(), *ROWS.end());
         let scale = patches.iter().map(|&i| f.scale(i as usize)).collect();
-        let entries = if spilled || f.size_in_bytes() > UNPACKED_PATCH * f.len() {
-            Entries::Coded(f, vec![[0.0; N]; f.len()])
-        } else {
-            let mut number = vec![NONE; f.len()];
-            (0..).zip(&patches).for_each(|(row, &i)| number[i as usize] = row);
-            let spans = patches.len().div_ceil(SPAN);
-            Entries::Unpacked(patches.par_chunks(chunk).map(|chunk| unpack(f, chunk, &number, spans)).collect())
-        };
+        let unpacks = !spilled && f.size_in_bytes() <= UNPACKED_PATCH * f.len();
+        // What the system has no memory for is read as it is.
+        let unpacked = unpacks.then(|| unpacked(f, &patches, chunk).ok()).flatten();
+        let entries = unpacked.map_or_else(|| Entries::Coded(f, vec![[0.0; N]; f.len()]), Entries::Unpacked);
         Product { patches, scale, entries, chunk }
     }
 
@@ -97,9 +111,9 @@ impl<'a, const N: usize> Product<'a, N> {
             Entries::Unpacked(chunks) => {
                 let (x, _) = x.as_chunks::<SPAN>();
                 let scaled = out.par_chunks_mut(chunk).zip(scale.par_chunks(chunk));
-                scaled.zip(chunks).with_max_len(1).for_each(|((out, scale), spans)| {
+                scaled.zip(chunks).with_max_len(1).for_each(|((out, scale), chunk)| {
                     out.fill([0.0; N]);
-                    spans.iter().zip(x).for_each(|(span, x)| span.add(x, out));
+                    chunk.add(x, out);
                     out.iter_mut().zip(scale).for_each(|(out, scale)| *out = out.map(|sum| sum * scale));
                 });
             }
@@ -125,38 +139,69 @@ impl<'a, const N: usize> Product<'a, N> {
 /// Of patches that do not take part.
 const NONE: u32 = u32::MAX;
 
-fn unpack(f: &FormFactors, patches: &[u32], number: &[u32], spans: usize) -> Vec<Span> {
-    let mut all = vec![Span::default(); spans];
+/// The rows of `patches`, so many a chunk.
+fn unpacked(f: &FormFactors, patches: &[u32], chunk: usize) -> io::Result<Vec<Chunk>> {
+    let mut number = vec![NONE; f.len()];
+    (0..).zip(patches).for_each(|(row, &i)| number[i as usize] = row);
+    let room = || vec![Unpacking::default(); patches.len().div_ceil(SPAN)];
+    patches.par_chunks(chunk).map_init(room, |room, patches| unpack(f, patches, &number, room)).collect()
+}
+
+/// The rows of `patches`, with `room` for their entries.
+fn unpack(f: &FormFactors, patches: &[u32], number: &[u32], room: &mut [Unpacking]) -> io::Result<Chunk> {
+    for room in &mut *room {
+        room.columns.clear();
+        room.counts.clear();
+    }
+    let mut spans = vec![Span::default(); room.len()];
     for &i in patches {
         for (j, count) in f.entries(i as usize) {
             // What does not take part sends nothing.
             let column = number[j as usize];
-            if let Some(span) = all.get_mut(column as usize / SPAN) {
-                span.columns.push((column as usize % SPAN) as u16);
+            let number = column as usize / SPAN;
+            if let (Some(room), Some(span)) = (room.get_mut(number), spans.get_mut(number)) {
+                room.columns.push((column as usize % SPAN) as u16);
                 let few = u8::try_from(count).unwrap_or_default();
-                span.counts.push(few);
+                room.counts.push(few);
                 span.many.extend((few == 0).then_some(count));
             }
         }
-        all.iter_mut().for_each(|span| span.ends.push(span.columns.len() as u32));
+        spans.iter_mut().zip(&*room).for_each(|(span, room)| span.ends.push(room.columns.len() as u32));
     }
-    for span in &mut all {
-        span.columns.shrink_to_fit();
-        span.counts.shrink_to_fit();
+    let count: usize = room.iter().map(|room| room.columns.len()).sum();
+    // There is no map of nothing.
+    let mut columns = MmapMut::map_anon((2 * count).max(2))?;
+    let mut counts = MmapMut::map_anon(count.max(1))?;
+    let mut first = 0;
+    for (span, room) in spans.iter_mut().zip(room) {
+        span.entries = first..first + room.columns.len();
+        first = span.entries.end;
+        bytemuck::cast_slice_mut(&mut columns)[span.entries.clone()].copy_from_slice(&room.columns);
+        counts[span.entries.clone()].copy_from_slice(&room.counts);
     }
-    all
+    Ok(Chunk { columns, counts, spans })
+}
+
+impl Chunk {
+    /// `out` += the rows times `x`, by spans.
+    fn add<const N: usize>(&self, x: &[[[f64; N]; SPAN]], out: &mut [[f64; N]]) {
+        let columns: &[u16] = bytemuck::cast_slice(&self.columns);
+        for (span, x) in self.spans.iter().zip(x) {
+            span.add(&columns[span.entries.clone()], &self.counts[span.entries.clone()], x, out);
+        }
+    }
 }
 
 impl Span {
-    /// Adds its share of every row.
-    fn add<const N: usize>(&self, x: &[[f64; N]; SPAN], out: &mut [[f64; N]]) {
+    /// Adds its share of every row, of these columns and counts.
+    fn add<const N: usize>(&self, columns: &[u16], counts: &[u8], x: &[[f64; N]; SPAN], out: &mut [[f64; N]]) {
         let mut many = self.many.iter();
         let mut begin = 0;
         for (out, &end) in out.iter_mut().zip(&self.ends) {
             let own = begin..end as usize;
             begin = own.end;
             let mut sum = *out;
-            for (&column, &few) in self.columns[own.clone()].iter().zip(&self.counts[own]) {
+            for (&column, &few) in columns[own.clone()].iter().zip(&counts[own]) {
                 let count = if few > 0 { few as u32 } else { many.next().copied().unwrap_or_default() };
                 add(&mut sum, count, &x[column as usize]);
             }

@@ -1,8 +1,11 @@
 //! Rows of hits: what the rays of each patch met.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 
 use super::coding::{Entries, checked_entry, push_entries};
+use crate::lxt::map::Windows;
 
 /// What the leading rays of a row say of its patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,6 +61,8 @@ pub struct Block {
     pub marks: Bytes,
     /// The whole of it as the file has it that it was read from, so that it can be copied to another.
     pub coded: Option<Coded>,
+    /// Those that the bytes lie in, if they have left the memory.
+    pub(crate) windows: Option<Arc<Windows>>,
 }
 
 /// Bytes of a file that were compared with their checksum.
@@ -81,10 +86,16 @@ impl Block {
     pub(super) fn row(&self, k: usize) -> RowRef<'_> {
         let row = &self.rows[k];
         let (begin, marks_begin) = if k == 0 { (0, 0) } else { (self.rows[k - 1].end, self.rows[k - 1].marks_end) };
-        RowRef {
-            row,
-            bytes: &self.bytes[begin as usize..row.end as usize],
-            marks: &self.marks[marks_begin as usize..row.marks_end as usize],
+        let bytes = &self.bytes[begin as usize..row.end as usize];
+        let marks = &self.marks[marks_begin as usize..row.marks_end as usize];
+        self.was_read(bytes.len() + marks.len());
+        RowRef { row, bytes, marks }
+    }
+
+    /// So many of its bytes were read, or are now: if they have left the memory, they do so again before long.
+    pub(crate) fn was_read(&self, bytes: usize) {
+        if let Some(windows) = &self.windows {
+            windows.read(bytes);
         }
     }
 
@@ -213,7 +224,7 @@ impl BlockWriter {
     /// The block so far, in memory of its own; the writer is empty again, with room for the next.
     pub(super) fn take(&mut self) -> Block {
         let [bytes, marks] = [&self.bytes, &self.marks].map(|list| Bytes::copy_from_slice(list));
-        let block = Block { rows: self.rows.clone(), bytes, marks, coded: None };
+        let block = Block { rows: self.rows.clone(), bytes, marks, ..Block::default() };
         self.rows.clear();
         self.bytes.clear();
         self.marks.clear();
@@ -224,7 +235,7 @@ impl BlockWriter {
     pub fn finish(mut self) -> Block {
         self.bytes.shrink_to_fit();
         self.marks.shrink_to_fit();
-        Block { rows: self.rows, bytes: self.bytes.into(), marks: self.marks.into(), coded: None }
+        Block { rows: self.rows, bytes: self.bytes.into(), marks: self.marks.into(), ..Block::default() }
     }
 }
 

@@ -1,11 +1,14 @@
 //! Form factors as compressed sparse rows.
 
+use std::sync::Arc;
+
 use bytes::Bytes;
 use rayon::prelude::*;
 
 #[cfg(test)]
 use super::{BlockWriter, Row};
 use super::{RowRef, Rows, coding::Entries};
+use crate::lxt::map::Windows;
 
 /// The estimated form factors F_ij: row i holds, for each patch j that rays of i met, how many did.
 ///
@@ -16,6 +19,8 @@ pub struct FormFactors {
     places: Vec<Place>,
     /// The bytes of rows that were cast together, shared with the store that they come from.
     blocks: Vec<Bytes>,
+    /// Those that they lie in, if they have left the memory.
+    windows: Option<Arc<Windows>>,
     /// Rays of each row that count.
     valid: Vec<u32>,
     /// Rays of each row that left the scene, or met the back of a one-sided sheet; they are among the valid ones.
@@ -46,6 +51,7 @@ impl FormFactors {
         let mut f = FormFactors {
             places: vec![Place::default(); patches],
             blocks: rows.blocks().iter().map(|block| block.bytes.clone()).collect(),
+            windows: rows.blocks().iter().find_map(|block| block.windows.clone()),
             valid: vec![0; patches],
             escaped: vec![0; patches],
             hidden: vec![0; patches],
@@ -168,7 +174,11 @@ impl FormFactors {
         let place = self.places[i];
         // An empty row may come before there is any block.
         let block = self.blocks.get(place.block as usize).map_or(&[][..], |b| b);
-        &block[place.begin as usize..place.end as usize]
+        let bytes = &block[place.begin as usize..place.end as usize];
+        if let Some(windows) = &self.windows {
+            windows.read(bytes.len());
+        }
+        bytes
     }
 
     /// What the rays of row `i` met: (patch, hits), sorted by patch.

@@ -4,23 +4,25 @@ use std::{
     fs::File,
     io,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use bytes::Bytes;
 
 use super::Block;
-use crate::{Error, Result, lxt::map::window};
+use crate::{Error, Result, lxt::map::Windows};
 
 /// Bytes that are mapped at a time: the system allows some ten thousand maps. It is a multiple of every page size.
 const WINDOW: usize = 64 << 20;
 
-/// A file without a name that takes the bytes of rows. They are read through a map: the system keeps in memory what it
-/// has room for. The file goes with the last row, or with the process, however that ends.
+/// A file without a name that takes the bytes of rows. They are read through maps that hold few of their pages: the system
+/// keeps in its memory what it has room for. The file goes with the last row, or with the process, however that ends.
 pub struct Spill {
     folder: PathBuf,
     file: File,
     /// Where the next window begins.
     next: u64,
+    windows: Arc<Windows>,
     /// The last window, where it lies in the file, and how much of it is taken.
     window: Bytes,
     from: u64,
@@ -34,7 +36,8 @@ impl Spill {
     /// [`Error::Io`] with the folder's path.
     pub fn new(folder: &Path) -> Result<Spill> {
         let file = tempfile::tempfile_in(folder).map_err(|e| Error::io(folder, e))?;
-        Ok(Spill { folder: folder.into(), file, next: 0, window: Bytes::new(), from: 0, taken: 0 })
+        let windows = Arc::default();
+        Ok(Spill { folder: folder.into(), file, next: 0, windows, window: Bytes::new(), from: 0, taken: 0 })
     }
 
     /// Moves the bytes of `block` to the file.
@@ -43,7 +46,9 @@ impl Spill {
     /// [`Error::Io`] with the folder's path, if the disk is full.
     pub fn put(&mut self, block: Block) -> Result<Block> {
         let mut moved = |bytes: Bytes| self.moved(&bytes).map_err(|e| Error::io(&self.folder, e));
-        Ok(Block { bytes: moved(block.bytes)?, marks: moved(block.marks)?, rows: block.rows, coded: None })
+        let (bytes, marks) = (moved(block.bytes)?, moved(block.marks)?);
+        let windows = Some(self.windows.clone());
+        Ok(Block { bytes, marks, rows: block.rows, coded: None, windows })
     }
 
     /// Bytes on the disk.
@@ -60,7 +65,7 @@ impl Spill {
             let to = self.next + length as u64;
             // Room in the file, none on the disk yet.
             self.file.set_len(to)?;
-            (self.window, self.from, self.taken) = (window(&self.file, self.next, length)?, self.next, 0);
+            (self.window, self.from, self.taken) = (self.windows.open(&self.file, self.next, length)?, self.next, 0);
             self.next = to;
         }
         write_at(&self.file, bytes, self.from + self.taken as u64)?;
@@ -85,6 +90,7 @@ fn write_at(mut file: &File, bytes: &[u8], at: u64) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lxt::map::WINDOWS_RESIDENT;
 
     fn block(seed: u8, length: usize) -> Block {
         let bytes: Vec<u8> = (0..length).map(|k| (k as u8).wrapping_mul(31).wrapping_add(seed)).collect();
@@ -101,6 +107,9 @@ mod tests {
         let moved: Vec<Block> = blocks.iter().map(|b| spill.put(b.clone()).unwrap()).collect();
         assert!(blocks == moved);
         assert!(spill.size_in_bytes() >= lengths.iter().sum::<usize>() as u64);
+        // When their pages have left the process, too.
+        moved[1].was_read(WINDOWS_RESIDENT);
+        assert!(blocks == moved);
         // It has no name, and outlives its owner as long as there are rows in it.
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         drop(spill);
