@@ -158,8 +158,8 @@ fn unpack(f: &FormFactors, patches: &[u32], number: &[u32], room: &mut [Unpackin
         for (j, count) in f.entries(i as usize) {
             // What does not take part sends nothing.
             let column = number[j as usize];
-            let number = column as usize / SPAN;
-            if let (Some(room), Some(span)) = (room.get_mut(number), spans.get_mut(number)) {
+            let at = column as usize / SPAN;
+            if let (Some(room), Some(span)) = (room.get_mut(at), spans.get_mut(at)) {
                 room.columns.push((column as usize % SPAN) as u16);
                 let few = u8::try_from(count).unwrap_or_default();
                 room.counts.push(few);
