@@ -155,7 +155,7 @@ impl<W: Write> Write for Payload<'_, W> {
 /// Writes the file `path` whole or not at all; its folder is made if it is missing.
 ///
 /// # Errors
-/// [`Error::Io`] with the file's path; those of [`place_of`]. What was there before stays.
+/// [`Error::Io`](crate::Error::Io) with the file's path; those of [`place_of`]. What was there before stays.
 pub fn write_file(
     path: &Path,
     purpose: Name,
