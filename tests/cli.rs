@@ -305,6 +305,23 @@ fn a_transfer_file_does_not_take_the_place_of_anything_else() {
     }
 }
 
+#[test]
+fn no_command_writes_over_what_it_reads() {
+    let (folder, scene) = room();
+    let points = folder.path().join("points");
+    fs::write(&points, "0 0 0 0 1 0\n").unwrap();
+    let before = [&points, &scene].map(|path| fs::read(path).unwrap());
+    for input in [&points, &scene] {
+        let [input, points, scene] = [input, &points, &scene].map(|path| path.to_str().unwrap());
+        for command in ["points", "reference"] {
+            let output = luxel(&[command, scene, "--at", points, "-o", input]);
+            assert_eq!(output.status.code(), Some(1), "{command}");
+            assert!(stderr(&output).contains(&format!("{input}: is read by this command; choose another name")));
+        }
+    }
+    assert!([&points, &scene].map(|path| fs::read(path).unwrap()) == before);
+}
+
 #[cfg(unix)]
 #[test]
 fn no_file_takes_the_place_of_a_device_or_pipe() {

@@ -20,7 +20,7 @@ use super::{
 pub struct BakeArgs {
     /// The scene: an OBJ, glTF or GLB file, or a scene file (.toml)
     #[arg(value_name = "SCENE")]
-    scene: PathBuf,
+    pub scene: PathBuf,
     #[command(flatten)]
     settings: Settings,
     #[command(flatten)]
@@ -34,7 +34,7 @@ pub struct BakeArgs {
 pub struct SceneArgs {
     /// The scene: an OBJ, glTF or GLB file, or a scene file (.toml)
     #[arg(value_name = "SCENE")]
-    scene: PathBuf,
+    pub scene: PathBuf,
     #[command(flatten)]
     tracing: Tracing,
     #[command(flatten)]

@@ -11,7 +11,7 @@ use luxel::{
     Error, Result,
     compare::{self, Difference, Differences, Table},
     output::{
-        atomic::{Staged, place_of},
+        atomic::{Staged, check_is_no_input, place_of},
         exr::{self, Compression},
         png,
         tonemap::ToneMap,
@@ -64,6 +64,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let differences = compare::compare((&args.values, &a), (&args.reference, &b))?;
     let judged = differences.iter().find(|d| d.name == args.of.name());
     if let Some(path) = &args.difference {
+        check_is_no_input(path, &[&args.values, &args.reference])?;
         write_picture(path, &a, &b, args.of, judged)?;
     }
     say(&table(args, &differences));

@@ -59,12 +59,18 @@ impl Memory {
 pub struct Wording {
     work: &'static str,
     remedy: &'static str,
+    /// Whether the command takes another size of voxels, so that one that fits can be named.
+    has_voxels: bool,
 }
 
 /// Of the whole of a bake.
-pub const WHOLE: Wording = Wording { work: "the bake", remedy: "choose a larger --voxel (a smaller --grid)" };
+pub const WHOLE: Wording =
+    Wording { work: "the bake", remedy: "choose a larger --voxel (a smaller --grid)", has_voxels: true };
 /// Of a part of it.
-pub const SHARD: Wording = Wording { work: "the shard", remedy: "make a plan of more shards" };
+pub const SHARD: Wording = Wording { work: "the shard", remedy: "make a plan of more shards", has_voxels: false };
+/// Of its end.
+pub const MERGE: Wording =
+    Wording { work: "the merge", remedy: "make a plan with a larger --voxel (a smaller --grid)", has_voxels: false };
 
 /// What is asked for as a multiple of what is foretold: that is within a tenth of what it will be.
 const ALLOWED: f64 = 1.1;
@@ -166,11 +172,11 @@ impl Keeper {
             return Ok(());
         }
         let mb = |bytes: u64| bytes as f64 * 1e-6;
-        let Wording { work, remedy } = self.wording;
+        let Wording { work, remedy, has_voxels } = self.wording;
         if spilled > limit {
             let remedy = match outlook.voxels {
-                None => Some(remedy.into()),
-                Some(_) => outlook.remedy(Limit { bytes: limit, pixels: self.pixels }),
+                Some(_) if has_voxels => outlook.remedy(Limit { bytes: limit, pixels: self.pixels }),
+                _ => Some(remedy.into()),
             };
             let remedy = remedy.map_or(String::new(), |remedy| format!("{remedy}, or "));
             return Err(Error::Option(format!(

@@ -12,7 +12,7 @@ use luxel::{
     bake::{Irradiance, Run},
     lxt::Cache,
     output::{
-        atomic::{Staged, place_of},
+        atomic::{Staged, check_is_no_input, place_of},
         report::summary,
     },
     progress,
@@ -62,6 +62,7 @@ pub fn run(args: &Args) -> Result<()> {
     let scene = &job.scene;
     let goal = args.bake.goal(&args.goals);
     let (folder, name) = place_of(&args.output)?;
+    check_is_no_input(&args.output, &[&args.at, &args.bake.scene])?;
     let cache = args.cache.as_deref().map(Cache::open).transpose()?;
     let mut staged = Staged::open(folder)?;
     let running = &args.bake.running;

@@ -8,7 +8,7 @@ use std::{
 use glam::Vec3;
 use luxel::{
     Result,
-    output::atomic::{Staged, place_of},
+    output::atomic::{Staged, check_is_no_input, place_of},
     reference::{Reference, ReferenceOptions, Until},
     trace,
 };
@@ -47,6 +47,7 @@ pub fn run(args: &Args) -> Result<()> {
     let points = read(&args.at)?;
     let job = args.scene.load()?;
     let (folder, name) = place_of(&args.output)?;
+    check_is_no_input(&args.output, &[&args.at, &args.scene.scene])?;
     let mut staged = Staged::open(folder)?;
     let running = &args.scene.running;
     let progress = Terminal::new(Style::choose(running.quiet, running.json_progress));

@@ -34,6 +34,18 @@ pub fn place_of(path: &Path) -> Result<(&Path, &str)> {
     }
 }
 
+/// Proves that an output file is none of `inputs`, which would be lost.
+///
+/// # Errors
+/// [`Error::Option`] if it is one.
+pub fn check_is_no_input(output: &Path, inputs: &[&Path]) -> Result<()> {
+    let Ok(place) = output.canonicalize() else { return Ok(()) };
+    match inputs.iter().any(|input| input.canonicalize().is_ok_and(|input| input == place)) {
+        true => Err(Error::Option(format!("{}: is read by this command; choose another name", output.display()))),
+        false => Ok(()),
+    }
+}
+
 /// A set of output files of one folder.
 ///
 /// Every file is written under a temporary name in the folder. [`Staged::commit`] moves all of them to their places,

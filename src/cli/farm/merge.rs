@@ -13,7 +13,7 @@ use luxel::{
 use super::{UNLIT, terminal};
 use crate::cli::{
     args::{Running, on_threads},
-    keeper::Memory,
+    keeper::{MERGE, Memory},
     results::Results,
     say,
 };
@@ -51,7 +51,7 @@ fn merge_to_file(args: &Args, plan: &Plan) -> Result<()> {
     let (place, running) = (args.results.place(), &args.running);
     let progress = terminal(running);
     let _alone = Transfer::claim(place, "luxel farm merge")?;
-    let mut keeper = args.memory.keeper(folder_of(place), 0);
+    let mut keeper = args.memory.keeper_of(MERGE, folder_of(place), 0);
     plan.merge_to_file(place, &mut Run { progress: &progress, keeper: &mut keeper, deadline: None })?;
     if !running.quiet && !running.json_progress {
         say(&format!("{:<14}{}\n", "written to", place.display()));
@@ -62,7 +62,7 @@ fn merge_to_file(args: &Args, plan: &Plan) -> Result<()> {
 fn merge_to_folder(args: &Args, plan: &Plan) -> Result<()> {
     let progress = terminal(&args.running);
     let staged = args.results.open()?;
-    let mut keeper = args.memory.keeper(args.results.place(), args.results.pixels());
+    let mut keeper = args.memory.keeper_of(MERGE, args.results.place(), args.results.pixels());
     let mut run = Run { progress: &progress, keeper: &mut keeper, deadline: None };
     let mut kept = plan.merge()?;
     let scene = plan.scene()?;
